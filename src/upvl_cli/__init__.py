@@ -1,0 +1,1 @@
+"""Unsupervised 3D perception with vision-language distillation (UP-VL, ICCV 2023)."""

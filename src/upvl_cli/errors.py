@@ -1,0 +1,19 @@
+"""Failures that a user can mend: one clear line and exit code 2. Anything else is a bug."""
+
+from __future__ import annotations
+
+
+class UpvlError(Exception):
+    """An expected failure; the message says what, where, what was expected and what to do."""
+
+
+class BadInput(UpvlError):
+    """A file or an array of the user's is not what it has to be."""
+
+
+class BadSetting(UpvlError):
+    """A value in `stages/*.toml` or on the command line is unknown, misspelt or out of range."""
+
+
+class NotMade(UpvlError):
+    """A shard that is needed has not been made, or was made with other settings."""

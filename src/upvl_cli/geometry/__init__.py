@@ -1,0 +1,1 @@
+"""Geometry of rigid motions, boxes and cameras: arrays in, arrays out."""
