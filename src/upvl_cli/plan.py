@@ -1,0 +1,86 @@
+"""What follows from the declarations: make's rules, and the page that documents the stages."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from upvl_cli.settings import load
+from upvl_cli.stage import Stage, columns_of, params_of
+from upvl_cli.stages import STAGES
+from upvl_cli.workspace import RawParams, Workspace, write_if_changed
+
+
+def plan(workspace: Workspace) -> Path:
+    """Write the marks that make compares and the rules that it follows; returns the rules' path.
+
+    A mark is rewritten only where it would differ, so a comment or a touch remakes nothing.
+    """
+    for segment in workspace.segments:
+        workspace.mark_raw(segment)
+    for stage in STAGES:
+        write_if_changed(workspace.out / f"{stage.name}.stamp", workspace.stage_stamp(stage))
+    path = workspace.out / "rules.mk"
+    write_if_changed(path, rules(STAGES, workspace.segments))
+    return path
+
+
+def rules(stages: Sequence[Stage], segments: Sequence[str]) -> str:
+    """The rules: one for each stage, over all segments.
+
+    Args:
+        stages: The stages, in order.
+        segments: Names that are safe as words of make.
+    """
+    lines = ["# Made by: upvl plan", f"SEGMENTS := {' '.join(segments)}", ""]
+    for stage in stages:
+        sources = [f"$(OUT)/{name}/%.{'stamp' if name == 'raw' else 'parquet'}" for name in stage.reads]
+        lines += [
+            f".PHONY: {stage.name}",
+            f"{stage.name}: $(SEGMENTS:%=$(OUT)/{stage.name}/%.parquet)",
+            f"$(OUT)/{stage.name}/%.parquet: $(OUT)/{stage.name}.stamp {' '.join(sources)}",
+            f"\t@$(UPVL) {stage.name} --segment $*",
+            "",
+        ]
+    # Shards of middle stages are what a resumed run starts from: make must not delete them.
+    lines += [".PHONY: labels", f"labels: {stages[-1].name}", ".SECONDARY:", ""]
+    return "\n".join(lines)
+
+
+def page(stages: Sequence[Stage], folder: Path) -> str:
+    """The page that documents the stages, from their declarations and their values.
+
+    Args:
+        stages: The stages, in order.
+        folder: Folder of the TOML files whose values are shown.
+    """
+    lines = [
+        "# The pipeline",
+        "",
+        "Made by `make docs` from the declarations in `src/upvl_cli/stages/`; a test compares the two.",
+        "",
+        *_section("raw", "Names the drives.", (), RawParams, folder),
+    ]
+    for stage in stages:
+        lines += _section(stage.name, stage.summary, stage.reads, stage.params, folder)
+        lines += ["| column | type | one for each | meaning |", "| --- | --- | --- | --- |"]
+        for name, spec in columns_of(stage.row).items():
+            shape = f"[{', '.join(map(str, spec.shape))}]" if spec.shape else ""
+            meaning = "; ".join(part for part in (spec.meaning, spec.unit, spec.axes and f"{spec.axes} axes") if part)
+            lines.append(f"| `{name}` | {spec.type}{shape} | {spec.per or 'frame'} | {meaning} |")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _section(name: str, summary: str, reads: Sequence[str], settings: type, folder: Path) -> list[str]:
+    values = load(settings, folder / f"{name}.toml")
+    lines = [f"## {name}", "", summary]
+    lines += ["", f"Reads {', '.join(f'`{source}`' for source in reads)}."] if reads else []
+    lines.append("")
+    declared = params_of(settings)
+    if declared:
+        lines += ["| setting | value | range | meaning |", "| --- | --- | --- | --- |"]
+    for key, (_, spec) in declared.items():
+        value = f"`{getattr(values, key)!r}`{' ' + spec.unit if spec.unit else ''}"
+        lines.append(f"| `{key}` | {value} | {spec.bounds} | {spec.meaning} |")
+    return [*lines, ""] if declared else lines

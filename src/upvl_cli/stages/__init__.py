@@ -1,0 +1,19 @@
+"""The stages, in the order in which they run."""
+
+from __future__ import annotations
+
+from upvl_cli.stage import Stage
+from upvl_cli.stages import amodal, flow, ground, mask, nms, odometry, propose, track
+
+STAGES: tuple[Stage, ...] = (
+    odometry.STAGE,
+    ground.STAGE,
+    flow.STAGE,
+    mask.STAGE,
+    propose.STAGE,
+    track.STAGE,
+    amodal.STAGE,
+    nms.STAGE,
+)
+
+BY_NAME: dict[str, Stage] = {stage.name: stage for stage in STAGES}

@@ -1,0 +1,207 @@
+"""Parquet shards: written whole or not at all, read by frame, each with the stamp of what made it."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import json
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from upvl_cli.errors import NotMade, UpvlError
+from upvl_cli.stage import Column, Row, columns_of
+from upvl_cli.types import Array
+
+STAMP_KEY = b"upvl.stamp"
+COUNTS_KEY = b"upvl.counts"
+
+
+def schema_of(row: type[Row]) -> pa.Schema:
+    """The Arrow schema that follows from a row's declaration."""
+
+    def arrow(spec: Column) -> pa.DataType:
+        kind = pa.type_for_alias(spec.type)
+        return pa.list_(kind) if spec.is_array else kind
+
+    return pa.schema([pa.field(name, arrow(spec), nullable=False) for name, spec in columns_of(row).items()])
+
+
+def write(
+    path: Path, row: type[Row], rows: Iterable[Row], *, stamp: str, counts: Mapping[str, int]
+) -> int:
+    """Write a shard beside its place and move it there when it is whole.
+
+    Args:
+        path: Where the shard goes.
+        row: The declared row.
+        rows: The rows, in ascending order of frames; `counts` may grow while they are made.
+        stamp: JSON of all that makes the shard what it is.
+        counts: How many items were kept and dropped, by reason.
+
+    Returns:
+        How many rows were written.
+
+    Raises:
+        UpvlError: The folder cannot be written or the disk is full.
+    """
+    schema = schema_of(row)
+    with whole(path) as file:
+        writer = pq.ParquetWriter(file, schema, compression="zstd", use_dictionary=False)
+        with writer:
+            written = 0
+            for item in rows:
+                writer.write_batch(_batch(item, schema))
+                written += 1
+            writer.add_key_value_metadata(
+                {STAMP_KEY: stamp.encode(), COUNTS_KEY: json.dumps(dict(counts), sort_keys=True).encode()}
+            )
+    return written
+
+
+@contextlib.contextmanager
+def whole(path: Path) -> Iterator[IO[bytes]]:
+    """A binary file that appears at `path` only when the block ends well.
+
+    A second process that wants the same path waits until the first is done.
+
+    Raises:
+        UpvlError: The folder cannot be written or the disk is full.
+    """
+    part = path.with_name(f".{path.name}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with _locked(part) as file:
+            try:
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+                part.replace(path)
+            except BaseException:
+                part.unlink(missing_ok=True)
+                raise
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise UpvlError(
+            f"cannot write {path}: {reason}; make room or make the folder writable, or choose another with --out"
+        ) from error
+
+
+@contextlib.contextmanager
+def _locked(part: Path) -> Iterator[IO[bytes]]:
+    """The part file, emptied, held against other processes; a killed process holds nothing."""
+    while True:
+        file = part.open("ab")
+        fcntl.flock(file, fcntl.LOCK_EX)
+        if part.exists() and part.stat().st_ino == os.fstat(file.fileno()).st_ino:
+            break
+        file.close()  # the one that held it has moved it into place
+    with file:
+        file.truncate(0)
+        yield file
+
+
+def _batch(item: Row, schema: pa.Schema) -> pa.RecordBatch:
+    declared = columns_of(type(item))
+    lengths: dict[str, int] = {}
+    arrays = []
+    for name, spec in declared.items():
+        value = getattr(item, name)
+        arrays.append(_pack(name, value, spec, schema.field(name).type, lengths))
+    return pa.RecordBatch.from_arrays(arrays, schema=schema)
+
+
+def _pack(name: str, value: Any, spec: Column, kind: pa.DataType, lengths: dict[str, int]) -> pa.Array:
+    if not spec.is_array:
+        return pa.array([value], type=kind)
+    values = np.ascontiguousarray(value)
+    expected = (lengths.setdefault(spec.per, len(values)), *spec.shape) if spec.per else spec.shape
+    # A wrong shape is a bug in the stage, not the user's fault: it keeps its traceback.
+    if values.shape != expected:
+        raise ValueError(f"column {name} has shape {values.shape}, expected {expected}")
+    flat = values.reshape(-1)
+    if np.issubdtype(flat.dtype, np.floating) and not np.isfinite(flat).all():
+        raise ValueError(f"column {name} holds NaN or infinite values")
+    dtype = np.dtype(kind.value_type.to_pandas_dtype())
+    items = pa.array(flat.astype(dtype, copy=False), type=kind.value_type)
+    return pa.ListArray.from_arrays(pa.array([0, len(flat)], pa.int32()), items, type=kind)
+
+
+class Table:
+    """A shard opened for reading: `table[frame]` gives the row of that frame."""
+
+    def __init__(self, path: Path, row: type[Row]) -> None:
+        """Open a shard.
+
+        Raises:
+            NotMade: It is missing, is not a whole Parquet file, or has other columns.
+        """
+        self._row = row
+        self._file = _open(path)
+        missing = [name for name in columns_of(row) if name not in self._file.schema_arrow.names]
+        if missing:
+            raise NotMade(f"{path} has no column {', '.join(missing)}: delete it and make it again")
+        frames = self._file.read(columns=["frame"]).column("frame").to_pylist()
+        self._group_of = {frame: group for group, frame in enumerate(frames)}
+
+    @property
+    def frames(self) -> tuple[int, ...]:
+        """The frames that have a row, ascending."""
+        return tuple(self._group_of)
+
+    def __len__(self) -> int:
+        return len(self._group_of)
+
+    def __iter__(self) -> Iterator[Any]:
+        return (self[frame] for frame in self._group_of)
+
+    def __getitem__(self, frame: int) -> Any:
+        names = [spec.name for spec in fields(self._row)]
+        group = self._file.read_row_group(self._group_of[frame], columns=names, use_threads=False)
+        return self._row(
+            **{name: _unpack(group.column(name), spec) for name, spec in columns_of(self._row).items()}
+        )
+
+
+def _unpack(values: pa.ChunkedArray, spec: Column) -> Any:
+    if not spec.is_array:
+        return values[0].as_py()
+    flat: Array = values.chunk(0).values.to_numpy(zero_copy_only=False)
+    shape = (-1, *spec.shape) if spec.per else spec.shape
+    return flat.reshape(shape) if flat.size or not spec.per else flat.reshape(0, *spec.shape)
+
+
+def _open(path: Path) -> pq.ParquetFile:
+    try:
+        return pq.ParquetFile(path)
+    except FileNotFoundError:
+        raise NotMade(f"{path} has not been made; run: make {path.parent.name}") from None
+    except (pa.ArrowInvalid, OSError) as error:
+        raise NotMade(f"{path} is not a whole Parquet file ({error}); delete it and make it again") from None
+
+
+@dataclass(frozen=True)
+class Footer:
+    """What a shard says of itself: its stamp, how many items it kept and dropped, its rows."""
+
+    stamp: str
+    counts: dict[str, int]
+    rows: int
+
+
+def read_footer(path: Path) -> Footer | None:
+    """The footer of a shard, or None where there is no whole shard."""
+    try:
+        metadata = pq.read_metadata(path)
+    except (OSError, pa.ArrowInvalid):
+        return None
+    pairs = metadata.metadata or {}
+    if STAMP_KEY not in pairs:
+        return None
+    return Footer(pairs[STAMP_KEY].decode(), json.loads(pairs.get(COUNTS_KEY, b"{}")), metadata.num_rows)

@@ -1,0 +1,172 @@
+"""A workspace: `stages/*.toml` with every value, and `out/` with every shard."""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from upvl_cli.datasets import DATASETS
+from upvl_cli.errors import BadInput, BadSetting, UpvlError
+from upvl_cli.settings import load
+from upvl_cli.stage import Stage, param
+from upvl_cli.stages import BY_NAME
+
+if TYPE_CHECKING:
+    from upvl_cli.datasets.base import Dataset, Drive
+
+# A segment becomes a file name and a word in make's rules: nothing that either could misread.
+SAFE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]*")
+
+
+@dataclass(frozen=True)
+class RawParams:
+    """Which drives: the settings in `stages/raw.toml`."""
+
+    dataset: str = param("how the drives are stored", choices=tuple(DATASETS))
+    root: str = param("folder of the drives, from the workspace; unused by synthetic")
+    segments: tuple[str, ...] = param("the drives to work on; an empty list takes all of them")
+
+
+class Workspace:
+    """Where a run finds its settings and keeps its shards."""
+
+    def __init__(self, stages: Path, out: Path) -> None:
+        """Name the two folders.
+
+        Args:
+            stages: Folder of the TOML files.
+            out: Folder of the shards; made when the first is written.
+        """
+        self.stages = stages
+        self.out = out
+        self._settings: dict[str, Any] = {}
+        self._drives: dict[str, Drive] = {}
+        self._raw_stamps: dict[str, str] = {}
+
+    @cached_property
+    def raw(self) -> RawParams:
+        """The settings of `raw.toml`."""
+        settings: RawParams = load(RawParams, self.stages / "raw.toml")
+        return settings
+
+    @cached_property
+    def dataset(self) -> Dataset:
+        """The dataset that `raw.toml` names."""
+        return DATASETS[self.raw.dataset](Path(self.raw.root))
+
+    @cached_property
+    def segments(self) -> tuple[str, ...]:
+        """The segments to work on, in the order of their names.
+
+        Raises:
+            BadSetting: `raw.toml` names a segment that the dataset does not have.
+            BadInput: A segment's name could not be a file name, or there is none at all.
+        """
+        known = self.dataset.segments
+        for name in self.raw.segments:
+            self.check_name(name, known)
+        chosen = tuple(dict.fromkeys(self.raw.segments)) or known
+        if not chosen:
+            raise BadInput(f"no drive of dataset {self.raw.dataset!r} under {self.raw.root!r}; see stages/raw.toml")
+        for name in chosen:
+            if not SAFE_NAME.fullmatch(name):
+                raise BadInput(f"segment {name!r}: only letters, digits, '.', '_' and '-' can be used; rename it")
+        return chosen
+
+    def check_name(self, name: str, known: tuple[str, ...]) -> None:
+        """Refuse a segment that is not among the known ones."""
+        if name not in known:
+            close = difflib.get_close_matches(name, known, n=1)
+            hint = f"; did you mean {close[0]!r}?" if close else ""
+            few = f" (known: {', '.join(known[:5])}{', ...' if len(known) > 5 else ''})"
+            raise BadSetting(f"unknown segment {name!r}{hint}{few}; see: upvl segments")
+
+    def drive(self, segment: str) -> Drive:
+        """The opened drive; only the last one is kept open."""
+        if segment not in self._drives:
+            self.check_name(segment, self.segments)
+            self._drives = {segment: self.dataset.open(segment)}
+        return self._drives[segment]
+
+    def settings(self, stage: Stage) -> Any:
+        """The values of a stage, as its TOML file gives them."""
+        if stage.name not in self._settings:
+            self._settings[stage.name] = load(stage.params, self.stages / f"{stage.name}.toml")
+        return self._settings[stage.name]
+
+    def shard(self, stage: str, segment: str) -> Path:
+        """Where a shard stands; `raw` stands for the mark of the drive's own files."""
+        return self.out / stage / (f"{segment}.stamp" if stage == "raw" else f"{segment}.parquet")
+
+    def stage_stamp(self, stage: Stage, settings: Any = None) -> str:
+        """What makes the shards of a stage, other than the drives: its settings and those before it."""
+        return _text(self._makers(stage, settings))
+
+    def shard_stamp(self, stage: Stage, segment: str, settings: Any = None) -> str:
+        """What makes one shard: as `stage_stamp`, with the drive's own files."""
+        return _text(self._makers(stage, settings) | {"raw": json.loads(self.raw_stamp(segment))})
+
+    def _makers(self, stage: Stage, settings: Any) -> dict[str, Any]:
+        values = self.settings(stage) if settings is None else settings
+        makers: dict[str, Any] = {stage.name: {"version": stage.version, "values": asdict(values)}}
+        for name in stage.reads:
+            above = {"raw": {"dataset": self.raw.dataset}} if name == "raw" else self._makers(BY_NAME[name], None)
+            makers = above | makers
+        return makers
+
+    def raw_stamp(self, segment: str) -> str:
+        """The drive's files by name and size, as JSON; also kept in `out/raw/` for make to see."""
+        if segment not in self._raw_stamps:
+            sizes = [(path.name, path.stat().st_size) for path in self.drive(segment).files]
+            digest = hashlib.sha256(json.dumps(sizes).encode()).hexdigest()
+            self._raw_stamps[segment] = _text({"dataset": self.raw.dataset, "files": digest})
+        return self._raw_stamps[segment]
+
+    def mark_raw(self, segment: str) -> Path:
+        """Write `out/raw/<segment>.stamp`, or renew it where a file of the drive is newer."""
+        path, text = self.shard("raw", segment), self.raw_stamp(segment)
+        newest = max((file.stat().st_mtime_ns for file in self.drive(segment).files), default=0)
+        if write_if_changed(path, text) or newest <= path.stat().st_mtime_ns:
+            return path
+        path.touch()
+        return path
+
+
+def write_if_changed(path: Path, text: str) -> bool:
+    """Write a small text file, whole, only where it would differ; whether it was written."""
+    from upvl_cli.tables import whole
+
+    try:
+        if path.is_file() and path.read_text(encoding="utf-8") == text:
+            return False
+    except OSError as error:
+        raise UpvlError(f"cannot read {path}: {error.strerror}") from error
+    with whole(path) as file:
+        file.write(text.encode())
+    return True
+
+
+def difference(old: str, new: str) -> str:
+    """Which values differ between two stamps, in words."""
+    before, after = _flat(json.loads(old)), _flat(json.loads(new))
+    names = [name for name in sorted(before | after) if before.get(name) != after.get(name)]
+    return ", ".join(f"{name} {before.get(name, 'none')} -> {after.get(name, 'none')}" for name in names)
+
+
+def _flat(stamp: Mapping[str, Any]) -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for stage, maker in stamp.items():
+        values = maker.get("values", {}) | {key: value for key, value in maker.items() if key != "values"}
+        flat |= {f"{stage}.{name}": value for name, value in values.items()}
+    return flat
+
+
+def _text(stamp: Mapping[str, Any]) -> str:
+    return json.dumps(stamp, sort_keys=True, allow_nan=False)
