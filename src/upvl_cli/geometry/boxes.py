@@ -41,7 +41,8 @@ def corners_bev(boxes: Array) -> Array:
     boxes = checked(boxes)
     along, across = np.moveaxis(_CORNER_SIGNS * boxes[:, None, 3:5] / 2, -1, 0)
     cos, sin = np.cos(boxes[:, 6:]), np.sin(boxes[:, 6:])
-    return boxes[:, None, :2] + np.stack([along * cos - across * sin, along * sin + across * cos], axis=-1)
+    turned = np.stack([along * cos - across * sin, along * sin + across * cos], axis=-1)
+    return np.asarray(boxes[:, None, :2] + turned)
 
 
 def corners(boxes: Array) -> Array:

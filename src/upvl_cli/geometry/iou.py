@@ -14,6 +14,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from upvl_cli.errors import BadInput
 from upvl_cli.geometry.boxes import checked
 from upvl_cli.types import Array, Ints
 
@@ -34,7 +35,7 @@ def iou_bev_pairs(a: Array, b: Array) -> Array:
         b: (n, 7) boxes.
 
     Raises:
-        BadInput: A box is not finite.
+        BadInput: A box is not finite, or there are not as many of them.
     """
     return _of_pairs(_columns(a, 0.0, 2), _columns(b, 0.0, 2), _bev)
 
@@ -47,7 +48,7 @@ def iou_3d_pairs(a: Array, b: Array) -> Array:
         b: (n, 7) boxes.
 
     Raises:
-        BadInput: A box is not finite.
+        BadInput: A box is not finite, or there are not as many of them.
     """
     return _of_pairs(_columns(a, _SIZE_TOO_SMALL_3D_M, 3), _columns(b, _SIZE_TOO_SMALL_3D_M, 3), _volume)
 
@@ -79,7 +80,7 @@ def iou_3d(a: Array, b: Array) -> Array:
 
 
 def _columns(boxes: Array, smallest_m: float, dimensions: int) -> Array:
-    """Return (9, n): x, y, z, half l, half w, half h, cos, sin, radius; NaN radius where no IoU is above 0."""
+    """Return (9, n): x, y, z, half l, half w, half h, cos, sin, radius (NaN where every IoU is 0)."""
     boxes = checked(boxes)
     sizes = boxes[:, 3 : 3 + dimensions]
     usable = ((sizes > smallest_m) & (sizes < _SIZE_TOO_LARGE_M)).all(axis=1)
@@ -90,6 +91,8 @@ def _columns(boxes: Array, smallest_m: float, dimensions: int) -> Array:
 
 
 def _of_pairs(a: Array, b: Array, measure: Callable[[Array, Array], Array]) -> Array:
+    if a.shape != b.shape:
+        raise BadInput(f"pairs of boxes: {a.shape[1]} boxes against {b.shape[1]}, expected as many")
     iou = np.zeros(a.shape[1])
     for start in range(0, a.shape[1], _PAIRS_A_BLOCK):
         block = slice(start, start + _PAIRS_A_BLOCK)
@@ -112,7 +115,9 @@ def _of_all(a: Array, b: Array, measure: Callable[[Array, Array], Array]) -> Arr
     return iou
 
 
-def _in_blocks(a: Array, b: Array, row: Ints, column: Ints, measure: Callable[[Array, Array], Array]) -> Array:
+def _in_blocks(
+    a: Array, b: Array, row: Ints, column: Ints, measure: Callable[[Array, Array], Array]
+) -> Array:
     starts = range(0, len(row), _PAIRS_A_BLOCK)
     parts = [slice(start, start + _PAIRS_A_BLOCK) for start in starts]
     return np.concatenate([np.zeros(0), *(measure(a[:, row[part]], b[:, column[part]]) for part in parts)])
@@ -142,7 +147,7 @@ def _volume(a: Array, b: Array) -> Array:
 
 def _ratio(overlap: Array, union: Array) -> Array:
     iou = np.where(union > _UNION_TOO_SMALL, overlap / np.maximum(union, _UNION_TOO_SMALL), 0)
-    return np.clip(iou, 0, 1)
+    return np.asarray(np.clip(iou, 0, 1))
 
 
 def _overlap_m2(a: Array, b: Array) -> Array:
@@ -181,4 +186,4 @@ def _mean_held(start: Array, end: Array, bound: Array) -> Array:
     above = np.abs(np.maximum(end, bound) - np.maximum(start, bound))
     below = np.abs(np.minimum(end, -bound) - np.minimum(start, -bound))
     pull = above * (bound - middle) - below * (bound + middle)
-    return middle + pull / (np.abs(end - start) + 1e-300)
+    return np.asarray(middle + pull / (np.abs(end - start) + 1e-300))
