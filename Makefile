@@ -1,0 +1,34 @@
+# make pipeline   set up, label the built-in drive, print and draw the result
+# make test       set up, run the tests
+# make lint docs  check style and types; write docs/pipeline.md
+
+PYTHON ?= python3
+VENV ?= .venv
+UPVL_COMMAND = $(VENV)/bin/upvl
+NO_PLAN = test test-all lint docs setup
+include workspace.mk
+
+$(OUT)/rules.mk: $(VENV)/.installed
+
+$(VENV)/.installed: pyproject.toml constraints.txt
+	@$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11))" || { echo "upvl needs Python 3.11 or newer; name one: make PYTHON=python3.12"; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	$(VENV)/bin/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
+	@touch $@
+
+.PHONY: setup test test-all lint docs
+setup: $(VENV)/.installed
+
+test: setup
+	$(VENV)/bin/python -m pytest -m "not slow"
+
+test-all: setup
+	$(VENV)/bin/python -m pytest
+
+lint: setup
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/mypy
+
+docs: setup
+	$(UPVL) docs

@@ -1,0 +1,227 @@
+"""The `upvl` command: one sub-command a stage, built from its declaration, and the one error handler."""
+
+from __future__ import annotations
+
+import inspect
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from upvl_cli.errors import BadSetting, UpvlError
+from upvl_cli.stage import Param, Stage, params_of
+from upvl_cli.stages import BY_NAME, STAGES
+from upvl_cli.workspace import Workspace
+
+app = typer.Typer(
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="Unsupervised 3D perception: from raw drives to auto labels, without a single 3D human label.",
+)
+
+Segments = Annotated[
+    list[str] | None, typer.Option("--segment", "-s", help="Only this drive; can be given again.", metavar="NAME")
+]
+Workers = Annotated[int, typer.Option(min=1, help="Processes that share the drives between them.")]
+
+
+def main() -> None:
+    """Run the command line: an expected failure is one line and exit code 2, a bug keeps its traceback."""
+    try:
+        app()
+    except UpvlError as error:
+        print(f"upvl: {error}", file=sys.stderr)
+        sys.exit(2)
+    except BrokenPipeError:
+        # The reader of our output has left, as `head` does: nothing to say, and nobody to say it to.
+        sys.stderr.close()
+        sys.exit(1)
+
+
+def interruptible(command: Callable[..., None]) -> Callable[..., None]:
+    """The command, with one line instead of a traceback when a person stops it."""
+
+    def run(*args: Any, **kwargs: Any) -> None:
+        try:
+            command(*args, **kwargs)
+        except KeyboardInterrupt:
+            print("upvl: stopped; what was finished is kept, and the same command goes on from there", file=sys.stderr)
+            raise typer.Exit(130) from None
+
+    run.__name__ = command.__name__
+    run.__doc__ = command.__doc__
+    run.__signature__ = inspect.signature(command, eval_str=True)  # type: ignore[attr-defined]
+    run.__annotations__ = {name: p.annotation for name, p in run.__signature__.parameters.items()}  # type: ignore[attr-defined]
+    return run
+
+
+@app.callback()
+def workspace_options(
+    context: typer.Context,
+    stages: Annotated[Path, typer.Option(envvar="UPVL_STAGES", help="Folder of the settings.")] = Path("stages"),
+    out: Annotated[Path, typer.Option(envvar="UPVL_OUT", help="Folder of the results.")] = Path("out"),
+) -> None:
+    """Take the folders of the workspace; commands run in it and need no path."""
+    context.obj = Workspace(stages, out)
+
+
+def _stage_command(stage: Stage) -> Callable[..., None]:
+    """A command whose options are the settings of a stage."""
+
+    def command(context: typer.Context, segment: list[str] | None, workers: int, **values: Any) -> None:
+        overrides = {name: value for name, value in values.items() if value is not None}
+        label(context.obj, [stage], segment, workers=workers, overrides=overrides)
+
+    fixed = [("context", typer.Context, None), ("segment", Segments, None), ("workers", Workers, 1)]
+    options = [(name, kind | None, _option(spec)) for name, (kind, spec) in params_of(stage.params).items()]
+    parameters = [
+        inspect.Parameter(
+            name,
+            inspect.Parameter.KEYWORD_ONLY,
+            annotation=annotation,
+            default=inspect.Parameter.empty if annotation is typer.Context else default,
+        )
+        for name, annotation, default in [*fixed, *options]
+    ]
+    command.__name__ = stage.name
+    command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    return interruptible(command)
+
+
+def _option(spec: Param) -> Any:
+    # Round brackets: rich takes square ones for its own marks and swallows them.
+    notes = ", ".join(part for part in (spec.unit, spec.bounds) if part)
+    text = spec.meaning + (f" ({notes})" if notes else "")
+    return typer.Option(None, help=text, show_default="as in the TOML file", rich_help_panel="Settings")
+
+
+for _stage in STAGES:
+    app.command(_stage.name, help=_stage.summary, rich_help_panel="Stages")(_stage_command(_stage))
+
+
+@app.command()
+@interruptible
+def autolabel(
+    context: typer.Context,
+    moving_only: Annotated[
+        bool | None, typer.Option("--moving-only/--all-motion", help="Label what moves, or parked objects as well.")
+    ] = None,
+    segment: Segments = None,
+    workers: Workers = 1,
+) -> None:
+    """Label the drives: all stages in order, then a summary."""
+    if moving_only is None:
+        raise BadSetting("say which objects to label: upvl autolabel --moving-only, or --all-motion")
+    if not moving_only:
+        raise BadSetting(
+            "--all-motion needs vision-language features to tell parked objects from background, and there is no "
+            "extract-vl stage yet; label moving objects with: upvl autolabel --moving-only"
+        )
+    label(context.obj, STAGES, segment, workers=workers, overrides={})
+    summary(context)
+
+
+def label(
+    workspace: Workspace,
+    stages: Sequence[Stage],
+    segments: Sequence[str] | None,
+    *,
+    workers: int,
+    overrides: Mapping[str, Any],
+) -> None:
+    """Run stages with a progress display on a terminal, and a line a shard elsewhere."""
+    from upvl_cli.progress import Progress
+    from upvl_cli.runner import run_all
+
+    chosen = segments or list(workspace.segments)
+    for name in chosen:
+        workspace.check_name(name, workspace.segments)
+    with Progress(len(chosen) * len(stages)) as progress:
+        for made in run_all(
+            workspace, stages, chosen, overrides=overrides, workers=workers, tick=progress.tick
+        ):
+            progress.done(made)
+
+
+@app.command()
+@interruptible
+def summary(context: typer.Context) -> None:
+    """Tell what the auto labels hold and what was dropped, and why."""
+    from upvl_cli.summary import lines
+
+    for line in lines(context.obj):
+        print(line)
+
+
+@app.command()
+@interruptible
+def segments(context: typer.Context) -> None:
+    """List the drives of the workspace."""
+    for name in context.obj.segments:
+        print(name)
+
+
+@app.command()
+@interruptible
+def status(context: typer.Context) -> None:
+    """Tell which shards are fresh, stale or missing."""
+    from rich.console import Console
+
+    from upvl_cli.progress import status_table
+    from upvl_cli.status import status as statuses
+
+    Console().print(status_table(statuses(context.obj)))
+
+
+@app.command()
+@interruptible
+def plan(context: typer.Context) -> None:
+    """Write the rules and marks that make follows."""
+    from upvl_cli.plan import plan as write_plan
+
+    write_plan(context.obj)
+
+
+@app.command()
+@interruptible
+def docs(
+    context: typer.Context,
+    page: Annotated[Path, typer.Argument(help="The page to write.")] = Path("docs/pipeline.md"),
+) -> None:
+    """Write the page that documents the stages."""
+    from upvl_cli.plan import page as text
+    from upvl_cli.workspace import write_if_changed
+
+    write_if_changed(page, text(STAGES, context.obj.stages))
+
+
+@app.command()
+@interruptible
+def init(folder: Annotated[Path, typer.Argument(help="Folder of the new workspace.")]) -> None:
+    """Make a new workspace for your own drives."""
+    from upvl_cli.template import create
+
+    create(folder)
+    print(f"{folder} is ready: name your drives in {folder / 'stages' / 'raw.toml'}, then in {folder} run: make pipeline")
+
+
+@app.command()
+@interruptible
+def draw(
+    context: typer.Context,
+    segment: Annotated[str | None, typer.Argument(help="The drive; all of them when left out.")] = None,
+    frame: Annotated[int | None, typer.Option(help="The frame; the middle one when left out.")] = None,
+) -> None:
+    """Draw points, boxes and tracks from above, and boxes on the camera's picture."""
+    from upvl_cli.look import draw_frame
+
+    workspace: Workspace = context.obj
+    for name in [segment] if segment else workspace.segments:
+        workspace.check_name(name, workspace.segments)
+        for path in draw_frame(workspace, name, frame):
+            print(path)
+
+
+__all__ = ["BY_NAME", "app", "main"]

@@ -1,0 +1,1 @@
+"""Pictures of labels: arrays in, Pillow images out."""

@@ -1,0 +1,105 @@
+"""The street from above: points by state, boxes with id, heading and speed, and where tracks came from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from upvl_cli.drawing import colours
+from upvl_cli.geometry.boxes import corners_bev
+from upvl_cli.types import Array, Boxes, Ints
+
+PIXELS_PER_METRE = 14
+GRID_M = 10
+
+
+@dataclass(frozen=True)
+class View:
+    """The part of the ground that a picture shows, in ego axes (m)."""
+
+    x_min_m: float
+    x_max_m: float
+    y_min_m: float
+    y_max_m: float
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Width and height of the picture."""
+        width = (self.y_max_m - self.y_min_m) * PIXELS_PER_METRE
+        return round(width), round((self.x_max_m - self.x_min_m) * PIXELS_PER_METRE)
+
+    def pixels(self, xy_ego_m: Array) -> Array:
+        """(n, 2) pixels of (n, 2) places: forward is up, left is left."""
+        columns = (self.y_max_m - xy_ego_m[:, 1]) * PIXELS_PER_METRE
+        rows = (self.x_max_m - xy_ego_m[:, 0]) * PIXELS_PER_METRE
+        return np.stack([columns, rows], axis=1)
+
+
+def birds_eye(
+    view: View, xyz_ego_m: Array, state: Ints, boxes: Boxes, tails: Mapping[int, Array], title: str
+) -> Image.Image:
+    """Draw one frame.
+
+    Args:
+        view: The part to show.
+        xyz_ego_m: (n, 3) points.
+        state: (n,) 0 ground, 1 static, 2 moving.
+        boxes: The labels.
+        tails: For each track (m, 2) earlier centres in the ego axes of this frame.
+        title: Text of the upper left corner.
+    """
+    canvas = np.full((*view.size_px[::-1], 3), colours.BACKGROUND, np.uint8)
+    _grid(canvas, view)
+    for number, colour in enumerate((colours.GROUND, colours.STATIC, colours.MOVING)):
+        _dots(canvas, view.pixels(xyz_ego_m[state == number, :2]), colour, wide=number == 2)
+    image = Image.fromarray(canvas)
+    draw = ImageDraw.Draw(image)
+    for track_id, tail in tails.items():
+        _line(draw, view.pixels(tail), colours.of_track(track_id), width=2)
+    for box in range(len(boxes)):
+        _box(draw, view, boxes[box : box + 1])
+    _ego(draw, view)
+    draw.text((8, 6), title, fill=colours.TEXT, font=ImageFont.load_default(16))
+    return image
+
+
+def _grid(canvas: Array, view: View) -> None:
+    for x in np.arange(np.ceil(view.x_min_m / GRID_M) * GRID_M, view.x_max_m, GRID_M):
+        canvas[int(np.clip((view.x_max_m - x) * PIXELS_PER_METRE, 0, len(canvas) - 1))] = colours.GRID
+    for y in np.arange(np.ceil(view.y_min_m / GRID_M) * GRID_M, view.y_max_m, GRID_M):
+        canvas[:, int(np.clip((view.y_max_m - y) * PIXELS_PER_METRE, 0, canvas.shape[1] - 1))] = colours.GRID
+
+
+def _dots(canvas: Array, pixels: Array, colour: colours.Colour, *, wide: bool) -> None:
+    steps = ((0, 0), (0, 1), (1, 0), (1, 1)) if wide else ((0, 0),)
+    for right, down in steps:
+        columns, rows = (pixels + (right, down)).astype(np.int64).T
+        inside = (columns >= 0) & (columns < canvas.shape[1]) & (rows >= 0) & (rows < canvas.shape[0])
+        canvas[rows[inside], columns[inside]] = colour
+
+
+def _line(draw: ImageDraw.ImageDraw, pixels: Array, colour: colours.Colour, width: int) -> None:
+    if len(pixels) > 1:
+        draw.line([(float(column), float(row)) for column, row in pixels], fill=colour, width=width)
+
+
+def _box(draw: ImageDraw.ImageDraw, view: View, box: Boxes) -> None:
+    colour = colours.of_track(int(box.track_id[0]))
+    outline = view.pixels(corners_bev(box.seven)[0])
+    _line(draw, np.concatenate([outline, outline[:1]]), colour, width=2)
+    heading = box.seven[0, 6]
+    centre = box.seven[0, :2]
+    nose = centre + box.seven[0, 3] / 2 * np.array([np.cos(heading), np.sin(heading)])
+    _line(draw, view.pixels(np.stack([centre, nose])), colour, width=2)
+    speed_mps = float(np.linalg.norm(box.velocity_mps[0, :2]))
+    corner = outline.max(axis=0)
+    text = f"{box.track_id[0]}  {speed_mps:.1f} m/s"
+    draw.text((float(corner[0]) + 3, float(corner[1])), text, fill=colour, font=ImageFont.load_default(12))
+
+
+def _ego(draw: ImageDraw.ImageDraw, view: View) -> None:
+    marker = view.pixels(np.array([[1.2, 0.0], [-0.8, 0.8], [-0.8, -0.8]]))
+    draw.polygon([(float(column), float(row)) for column, row in marker], fill=colours.TEXT)

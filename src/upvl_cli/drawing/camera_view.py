@@ -1,0 +1,50 @@
+"""Boxes on a camera's picture."""
+
+from __future__ import annotations
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from upvl_cli.drawing import colours
+from upvl_cli.geometry.boxes import corners
+from upvl_cli.geometry.camera import project
+from upvl_cli.types import Array, Boxes, Camera
+
+# Corners 0-3 are the bottom and 4-7 the top, both counter-clockwise from the front left.
+EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
+FRONT = (0, 3, 7, 4)
+MIN_DEPTH_M = 0.5  # an edge that comes closer to the lens would cross the whole picture
+SEGMENTS = 8  # a lens bends an edge: it is drawn in pieces
+
+
+def camera_view(rgb: Array, camera: Camera, boxes: Boxes) -> Image.Image:
+    """Draw the boxes of one frame.
+
+    Args:
+        rgb: (height, width, 3) uint8 picture.
+        camera: Its calibration.
+        boxes: The labels, in the ego axes of the frame.
+    """
+    image = Image.fromarray(rgb)
+    draw = ImageDraw.Draw(image)
+    far_first = np.argsort(-np.linalg.norm(boxes.seven[:, :2], axis=1))
+    for box, points in zip(boxes[far_first], corners(boxes.seven[far_first]), strict=True):
+        _box(draw, camera, points, colours.of_track(int(box.track_id)), str(int(box.track_id)))
+    return image
+
+
+def _box(
+    draw: ImageDraw.ImageDraw, camera: Camera, points: Array, colour: colours.Colour, name: str
+) -> None:
+    anchors = []
+    for start, end in EDGES:
+        share = np.linspace(0.0, 1.0, SEGMENTS)[:, None]
+        pixels, depth_m, _ = project(camera, points[start] * (1 - share) + points[end] * share)
+        seen = (depth_m > MIN_DEPTH_M) & np.isfinite(pixels).all(axis=1)
+        if seen.sum() < 2:
+            continue
+        line = [(float(column), float(row)) for column, row in pixels[seen]]
+        draw.line(line, fill=colour, width=3 if {start, end} <= set(FRONT) else 1)
+        anchors.append(line[0])
+    if anchors:
+        draw.text(min(anchors, key=lambda pixel: pixel[1]), name, fill=colour, font=ImageFont.load_default(13))

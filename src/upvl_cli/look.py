@@ -1,0 +1,90 @@
+"""Gathers what a picture of one frame needs from the shards, and draws it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from upvl_cli.drawing.birds_eye import View, birds_eye
+from upvl_cli.drawing.camera_view import camera_view
+from upvl_cli.errors import BadSetting
+from upvl_cli.geometry.se3 import apply, inverse
+from upvl_cli.stages import BY_NAME
+from upvl_cli.tables import Table, whole
+from upvl_cli.types import Array
+from upvl_cli.workspace import Workspace
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+VIEW = View(x_min_m=-25.0, x_max_m=55.0, y_min_m=-30.0, y_max_m=30.0)
+TAIL_FRAMES = 20
+
+
+def draw_frame(workspace: Workspace, segment: str, frame: int | None) -> Iterator[Path]:
+    """Draw one labelled frame from above and on each camera's picture; yields the files.
+
+    Args:
+        workspace: Where.
+        segment: Which drive.
+        frame: Index of the frame; None takes the middle one.
+
+    Raises:
+        BadSetting: The drive has no such frame.
+        NotMade: The drive has not been labelled.
+    """
+    labels = _table(workspace, "nms", segment)
+    if frame is None and len(labels):
+        frame = labels.frames[len(labels) // 2]
+    if frame not in labels.frames:
+        span = f"{labels.frames[0]} to {labels.frames[-1]}" if len(labels) else "no frame at all"
+        raise BadSetting(f"{segment} has no frame {frame}: it has {span}")
+    stem = workspace.out / "draw" / f"{segment}-{frame:06d}"
+    yield _save(_from_above(workspace, segment, frame, labels), stem.with_name(f"{stem.name}-above.png"))
+    drive = workspace.drive(segment)
+    for camera in drive.cameras:
+        image = drive.image(frame, camera.name)
+        if image is not None:
+            picture = camera_view(image.rgb, camera, labels[frame].boxes)
+            yield _save(picture, stem.with_name(f"{stem.name}-{camera.name}.png"))
+
+
+def _from_above(workspace: Workspace, segment: str, frame: int, labels: Table) -> Image:
+    ground = _table(workspace, "ground", segment)[frame]
+    mask = _table(workspace, "mask", segment)[frame]
+    state = np.where(mask.is_moving, 2, np.where(ground.is_ground, 0, 1))
+    return birds_eye(
+        VIEW,
+        workspace.drive(segment).points(frame).xyz_ego_m,
+        state,
+        labels[frame].boxes,
+        _tails(labels, _table(workspace, "odometry", segment), frame),
+        f"{segment}  frame {frame}  {len(labels[frame].seven)} boxes",
+    )
+
+
+def _tails(labels: Table, poses: Table, frame: int) -> dict[int, Array]:
+    """Where the tracks of a frame were in the frames before, in its ego axes."""
+    past = [index for index in labels.frames if index <= frame][-TAIL_FRAMES:]
+    ego_from_world = inverse(poses[frame].world_from_ego)
+    tails: dict[int, list[Any]] = {int(track_id): [] for track_id in labels[frame].track_id}
+    for index in past:
+        row = labels[index]
+        centres = apply(ego_from_world @ poses[index].world_from_ego, row.seven[:, :3])
+        for track_id, centre in zip(row.track_id, centres, strict=True):
+            if int(track_id) in tails:
+                tails[int(track_id)].append(centre[:2])
+    return {track_id: np.array(tail) for track_id, tail in tails.items()}
+
+
+def _table(workspace: Workspace, stage: str, segment: str) -> Table:
+    return Table(workspace.shard(stage, segment), BY_NAME[stage].row)
+
+
+def _save(image: Image, path: Path) -> Path:
+    with whole(path) as file:
+        image.save(file, format="PNG")
+    return path

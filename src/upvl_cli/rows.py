@@ -1,0 +1,26 @@
+"""Rows that several stages share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from upvl_cli.stage import Row, column
+from upvl_cli.types import Array, Boxes
+
+
+@dataclass(frozen=True)
+class BoxRow(Row):
+    """Boxes of one frame."""
+
+    seven: Array = column(
+        "float64", "centre x, y, z, length, width, height (m), heading (rad)", axes="ego", per="box", shape=(7,)
+    )
+    velocity_mps: Array = column("float64", "velocity over the ground", "m/s", "ego", per="box", shape=(3,))
+    score: Array = column("float64", "confidence, 0 to 1", per="box")
+    track_id: Array = column("int64", "number of the track, -1 for none", per="box")
+    points: Array = column("int64", "LiDAR points that the box was made from", per="box")
+
+    @property
+    def boxes(self) -> Boxes:
+        """The same without the key."""
+        return Boxes(self.seven, self.velocity_mps, self.score, self.track_id)

@@ -1,0 +1,31 @@
+"""What the auto labels hold, and what was dropped on the way, by reason."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+
+from upvl_cli.stages import BY_NAME, STAGES
+from upvl_cli.tables import Table, read_footer
+from upvl_cli.workspace import Workspace
+
+
+def lines(workspace: Workspace) -> Iterator[str]:
+    """One line a segment, then one a stage with what it kept and dropped over all of them.
+
+    Raises:
+        NotMade: A segment has not been labelled.
+    """
+    for segment in workspace.segments:
+        labels = Table(workspace.shard("nms", segment), BY_NAME["nms"].row)
+        tracks = Counter(int(track_id) for row in labels for track_id in row.track_id)
+        longest = max(tracks.values(), default=0)
+        yield (
+            f"{segment}: {len(labels)} frames, {tracks.total()} boxes in {len(tracks)} tracks "
+            f"(longest {longest} frames)"
+        )
+    for stage in STAGES:
+        footers = [read_footer(workspace.shard(stage.name, segment)) for segment in workspace.segments]
+        counts = sum((Counter(footer.counts) for footer in footers if footer), Counter())
+        if counts:
+            yield f"  {stage.name}: " + ", ".join(f"{items} {reason}" for reason, items in sorted(counts.items()))

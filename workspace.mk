@@ -1,0 +1,29 @@
+# The pipeline of one workspace: `make` labels every drive, `make STAGE` makes one stage of it.
+# An experiment: cp -r stages stages2, change a value, make STAGES=stages2 OUT=out2
+
+UPVL_COMMAND ?= upvl
+STAGES ?= stages
+OUT ?= out
+UPVL = $(UPVL_COMMAND) --stages $(STAGES) --out $(OUT)
+
+.DEFAULT_GOAL := pipeline
+.PHONY: pipeline FORCE
+
+# Goals that need no shard need no plan.
+NO_PLAN += clean
+ifneq ($(filter-out $(NO_PLAN),$(or $(MAKECMDGOALS),pipeline)),)
+include $(OUT)/rules.mk
+endif
+
+# Asked for each time, but written only where it would differ: then nothing is made again.
+$(OUT)/rules.mk: FORCE
+	@$(UPVL) plan
+
+pipeline: labels
+	@$(UPVL) summary
+	@echo "pictures:"
+	@$(UPVL) draw
+
+.PHONY: clean
+clean:
+	rm -rf $(OUT)
