@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from upvl_cli.stage import Row, column
-from upvl_cli.types import Array, Boxes
+
+if TYPE_CHECKING:
+    from upvl_cli.types import Array, Boxes
 
 
 @dataclass(frozen=True)
@@ -23,4 +26,6 @@ class BoxRow(Row):
     @property
     def boxes(self) -> Boxes:
         """The same without the key."""
+        from upvl_cli.types import Boxes
+
         return Boxes(self.seven, self.velocity_mps, self.score, self.track_id)

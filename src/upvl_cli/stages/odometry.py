@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from upvl_cli.inputs import Inputs
 from upvl_cli.stage import Row, Stage, column, param
-from upvl_cli.types import Array
+
+if TYPE_CHECKING:
+    from upvl_cli.inputs import Inputs
+    from upvl_cli.types import Array
 
 
 @dataclass(frozen=True)
