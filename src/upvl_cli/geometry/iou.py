@@ -10,8 +10,6 @@ give 0.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from upvl_cli.errors import BadInput
@@ -37,7 +35,7 @@ def iou_bev_pairs(a: Array, b: Array) -> Array:
     Raises:
         BadInput: A box is not finite, or there are not as many of them.
     """
-    return _of_pairs(_columns(a, 0.0, 2), _columns(b, 0.0, 2), _bev)
+    return _of_pairs(checked(a), checked(b), 2)
 
 
 def iou_3d_pairs(a: Array, b: Array) -> Array:
@@ -50,7 +48,7 @@ def iou_3d_pairs(a: Array, b: Array) -> Array:
     Raises:
         BadInput: A box is not finite, or there are not as many of them.
     """
-    return _of_pairs(_columns(a, _SIZE_TOO_SMALL_3D_M, 3), _columns(b, _SIZE_TOO_SMALL_3D_M, 3), _volume)
+    return _of_pairs(checked(a), checked(b), 3)
 
 
 def iou_bev(a: Array, b: Array) -> Array:
@@ -63,7 +61,7 @@ def iou_bev(a: Array, b: Array) -> Array:
     Raises:
         BadInput: A box is not finite.
     """
-    return _of_all(_columns(a, 0.0, 2), _columns(b, 0.0, 2), _bev)
+    return _of_all(checked(a), checked(b), 2)
 
 
 def iou_3d(a: Array, b: Array) -> Array:
@@ -76,81 +74,75 @@ def iou_3d(a: Array, b: Array) -> Array:
     Raises:
         BadInput: A box is not finite.
     """
-    return _of_all(_columns(a, _SIZE_TOO_SMALL_3D_M, 3), _columns(b, _SIZE_TOO_SMALL_3D_M, 3), _volume)
+    return _of_all(checked(a), checked(b), 3)
 
 
-def _columns(boxes: Array, smallest_m: float, dimensions: int) -> Array:
+def _columns(boxes: Array, dimensions: int) -> Array:
     """Return (9, n): x, y, z, half l, half w, half h, cos, sin, radius (NaN where every IoU is 0)."""
-    boxes = checked(boxes)
-    sizes = boxes[:, 3 : 3 + dimensions]
-    usable = ((sizes > smallest_m) & (sizes < _SIZE_TOO_LARGE_M)).all(axis=1)
-    half = boxes[:, 3:6].T / 2
-    radius = np.full(len(boxes), np.nan)
-    radius[usable] = np.hypot(half[0, usable], half[1, usable])
-    return np.vstack([boxes[:, :3].T, half, np.cos(boxes[:, 6]), np.sin(boxes[:, 6]), radius])
+    x, y, z, length, width, height, heading = np.ascontiguousarray(boxes.T)
+    smallest = _SIZE_TOO_SMALL_3D_M if dimensions == 3 else 0.0
+    sizes = np.stack([length, width, height][:dimensions])
+    usable = ((sizes > smallest) & (sizes < _SIZE_TOO_LARGE_M)).all(axis=0)
+    radius = np.where(usable, np.sqrt(length * length + width * width) / 2, np.nan)
+    half = length / 2, width / 2, height / 2
+    return np.stack([x, y, z, *half, np.cos(heading), np.sin(heading), radius])
 
 
-def _of_pairs(a: Array, b: Array, measure: Callable[[Array, Array], Array]) -> Array:
+@np.errstate(over="ignore")  # an infinite distance is far, an infinite size not usable
+def _of_pairs(a: Array, b: Array, dimensions: int) -> Array:
     if a.shape != b.shape:
-        raise BadInput(f"pairs of boxes: {a.shape[1]} boxes against {b.shape[1]}, expected as many")
-    iou = np.zeros(a.shape[1])
-    for start in range(0, a.shape[1], _PAIRS_A_BLOCK):
+        raise BadInput(f"pairs of boxes: {len(a)} boxes against {len(b)}, expected as many")
+    iou = np.zeros(len(a))
+    for start in range(0, len(a), _PAIRS_A_BLOCK):
         block = slice(start, start + _PAIRS_A_BLOCK)
-        near = np.flatnonzero(_near(a[:, block], b[:, block]))
-        iou[block][near] = measure(a[:, block][:, near], b[:, block][:, near])
+        first, second = _columns(a[block], dimensions), _columns(b[block], dimensions)
+        near = np.flatnonzero(_near(first, second))
+        iou[block][near] = _iou(first, second, near, near, dimensions)
     return iou
 
 
-def _of_all(a: Array, b: Array, measure: Callable[[Array, Array], Array]) -> Array:
+@np.errstate(over="ignore")
+def _of_all(a: Array, b: Array, dimensions: int) -> Array:
     """Reject far pairs block by block, so that only near ones pay and no temporary is a whole matrix."""
-    iou = np.zeros((a.shape[1], b.shape[1]))
-    width = max(min(b.shape[1], _REJECTS_A_BLOCK), 1)
+    iou = np.zeros((len(a), len(b)))
+    columns_a, columns_b = _columns(a, dimensions), _columns(b, dimensions)
+    width = max(min(len(b), _REJECTS_A_BLOCK), 1)
     height = _REJECTS_A_BLOCK // width
-    for top in range(0, a.shape[1], height):
-        for left in range(0, b.shape[1], width):
-            rows, columns = a[:, top : top + height], b[:, left : left + width]
-            near = _near(rows[:, :, None], columns[:, None, :])
-            row, column = np.nonzero(near)
-            iou[top + row, left + column] = _in_blocks(rows, columns, row, column, measure)
+    for top in range(0, len(a), height):
+        for left in range(0, len(b), width):
+            first, second = columns_a[:, top : top + height], columns_b[:, left : left + width]
+            row, column = np.nonzero(_near(first[:, :, None], second[:, None, :]))
+            for start in range(0, len(row), _PAIRS_A_BLOCK):
+                i, j = row[start : start + _PAIRS_A_BLOCK], column[start : start + _PAIRS_A_BLOCK]
+                iou[top + i, left + j] = _iou(first, second, i, j, dimensions)
     return iou
-
-
-def _in_blocks(
-    a: Array, b: Array, row: Ints, column: Ints, measure: Callable[[Array, Array], Array]
-) -> Array:
-    starts = range(0, len(row), _PAIRS_A_BLOCK)
-    parts = [slice(start, start + _PAIRS_A_BLOCK) for start in starts]
-    return np.concatenate([np.zeros(0), *(measure(a[:, row[part]], b[:, column[part]]) for part in parts)])
 
 
 def _near(a: Array, b: Array) -> Array:
     """Whether the circles around two rectangles meet; a NaN radius meets nothing."""
-    with np.errstate(over="ignore"):  # an infinite distance is far
-        dx, dy, reach = b[0] - a[0], b[1] - a[1], a[8] + b[8]
-        dx *= dx
-        dy *= dy
-        dx += dy
-        reach *= reach
-        return np.asarray(dx <= reach)
+    dx, dy, reach = b[0] - a[0], b[1] - a[1], a[8] + b[8]
+    dx *= dx
+    dy *= dy
+    dx += dy
+    reach *= reach
+    return np.asarray(dx <= reach)
 
 
-def _bev(a: Array, b: Array) -> Array:
-    overlap = _overlap_m2(a, b)
-    return _ratio(overlap, 4 * (a[3] * a[4] + b[3] * b[4]) - overlap)
+def _iou(a: Array, b: Array, row: Ints, column: Ints, dimensions: int) -> Array:
+    """Return (k,) IoU of column row[k] of `a` with column column[k] of `b`."""
+    a, b = a.take(row, axis=1), b.take(column, axis=1)
+    shared, size_a, size_b = _shared_m2(a, b), 4 * a[3] * a[4], 4 * b[3] * b[4]
+    if dimensions == 3:
+        overlap_m = np.minimum(a[2] + a[5], b[2] + b[5]) - np.maximum(a[2] - a[5], b[2] - b[5])
+        shared *= np.maximum(overlap_m, 0)
+        size_a *= 2 * a[5]
+        size_b *= 2 * b[5]
+    union = size_a + size_b - shared
+    iou = np.where(union > _UNION_TOO_SMALL, shared / np.maximum(union, _UNION_TOO_SMALL), 0)
+    return np.clip(iou, 0, 1)
 
 
-def _volume(a: Array, b: Array) -> Array:
-    dz = np.minimum(a[2] + a[5], b[2] + b[5]) - np.maximum(a[2] - a[5], b[2] - b[5])
-    overlap = _overlap_m2(a, b) * np.maximum(dz, 0)
-    return _ratio(overlap, 8 * (a[3] * a[4] * a[5] + b[3] * b[4] * b[5]) - overlap)
-
-
-def _ratio(overlap: Array, union: Array) -> Array:
-    iou = np.where(union > _UNION_TOO_SMALL, overlap / np.maximum(union, _UNION_TOO_SMALL), 0)
-    return np.asarray(np.clip(iou, 0, 1))
-
-
-def _overlap_m2(a: Array, b: Array) -> Array:
+def _shared_m2(a: Array, b: Array) -> Array:
     """Return (n,) area that the rectangles of each pair share, in square metres."""
     cos, sin = a[6] * b[6] + a[7] * b[7], a[6] * b[7] - a[7] * b[6]  # of b's heading in a's axes
     dx, dy = b[0] - a[0], b[1] - a[1]  # the local origin: no digits lost far from the world's
@@ -158,16 +150,14 @@ def _overlap_m2(a: Array, b: Array) -> Array:
     lx, ly, wx, wy = b[3] * cos, b[3] * sin, -b[4] * sin, b[4] * cos
     x = np.stack([cx + lx + wx, cx - lx + wx, cx - lx - wx, cx + lx - wx])  # (4, n), counter-clockwise
     y = np.stack([cy + ly + wy, cy - ly + wy, cy - ly - wy, cy + ly - wy])
-    along, across = sin / _not_zero(cos), -cos / _not_zero(sin)
-    slope = np.stack([along, across, along, across])
-    half_l, half_w = a[3], a[4]
+    lengthwise, crosswise = sin / _not_zero(cos), -cos / _not_zero(sin)
+    slope = np.stack([lengthwise, crosswise, lengthwise, crosswise])
+    following = [1, 2, 3, 0]
 
-    held_x = np.clip(x, -half_l, half_l)
-    start = y + (held_x - x) * slope
-    shift = held_x - x
-    end = y[[1, 2, 3, 0]] + shift[[1, 2, 3, 0]] * slope
-    width = held_x - held_x[[1, 2, 3, 0]]
-    area = (width * _mean_held(start, end, half_w)).sum(axis=0)
+    held_x = np.clip(x, -a[3], a[3])
+    cut = held_x - x
+    mean_y = _mean_held(y + cut * slope, y[following] + cut[following] * slope, a[4])
+    area = ((held_x - held_x[following]) * mean_y).sum(axis=0)
     return np.where(area > _AREA_TOO_SMALL_M2, area, 0)
 
 
@@ -178,12 +168,11 @@ def _not_zero(values: Array) -> Array:
 def _mean_held(start: Array, end: Array, bound: Array) -> Array:
     """Return the mean of clip(y, -bound, bound) for y going evenly from `start` to `end`.
 
-    The middle of the clipped ends is right for the part within; each part beyond a bound pulls the mean
-    towards that bound by its share of the way.
+    The middle of the clipped ends is right for the part of the way within the bounds; each part beyond one
+    pulls the mean towards that bound by its share of the way.
     """
     held_start, held_end = np.clip(start, -bound, bound), np.clip(end, -bound, bound)
     middle = (held_start + held_end) / 2
-    above = np.abs(np.maximum(end, bound) - np.maximum(start, bound))
-    below = np.abs(np.minimum(end, -bound) - np.minimum(start, -bound))
-    pull = above * (bound - middle) - below * (bound + middle)
-    return np.asarray(middle + pull / (np.abs(end - start) + 1e-300))
+    beyond_start, beyond_end = start - held_start, end - held_end
+    pull = bound * (beyond_start + beyond_end) - middle * (np.abs(beyond_start) + np.abs(beyond_end))
+    return np.asarray(middle + pull / (np.abs(end - start) + 1e-300))  # no way, no pull
