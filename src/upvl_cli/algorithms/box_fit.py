@@ -7,11 +7,6 @@ import numpy as np
 from upvl_cli.types import Array, Floats
 
 
-def wrap(angle_rad: Floats) -> Array:
-    """The same angles in [-π, π)."""
-    return (np.asarray(angle_rad, dtype=np.float64) + np.pi) % (2 * np.pi) - np.pi
-
-
 def along(xy_m: Floats, heading_rad: Floats | float) -> Array:
     """Coordinates along and across a heading.
 
