@@ -1,0 +1,100 @@
+"""The pinhole camera with lens distortion: from points to pixels, and from pixels to rays.
+
+Model: Brown and Conrady with radial k1, k2, k3 and tangential p1, p2 (D. C. Brown, Decentering Distortion
+of Lenses, 1966). Far outside the image the radial polynomial can turn back and lay points on pixels that
+they are not seen in; what lies beyond that turning point is not visible.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from upvl_cli.geometry.se3 import apply, inverse
+from upvl_cli.types import Array, Bools, Camera, Floats
+
+_NEWTON_STEPS = 20  # each doubles the right digits; a pixel that needs more has no ray
+_CONVERGED = 1e-9  # of the focal length: a millionth of a pixel
+
+
+def project(camera: Camera, xyz_ego_m: Array) -> tuple[Floats, Floats, Bools]:
+    """Return where points appear: (n, 2) pixels, (n,) depth in metres, (n,) whether they are in the image.
+
+    Depth is along the view. Pixels are NaN for points behind the camera and beyond the lens's reach;
+    a point hidden behind another one counts as in the image.
+
+    Args:
+        camera: Where it is and how it sees; the image spans -0.5 to width - 0.5, and so downwards.
+        xyz_ego_m: (n, 3) points.
+    """
+    xyz = apply(inverse(camera.ego_from_camera), np.asarray(xyz_ego_m).reshape(-1, 3))
+    depth_m = xyz[:, 2]
+    ahead = depth_m > 0
+    plane = np.full((len(xyz), 2), np.nan)
+    with np.errstate(over="ignore"):  # a point just in front of the lens lies infinitely far out
+        plane[ahead] = xyz[ahead, :2] / depth_m[ahead, None]
+        reached = (plane * plane).sum(axis=1) < _turning_point(camera)
+    plane[~reached] = np.nan
+    uv_px = distorted(camera, plane) @ camera.intrinsic[:2, :2].T + camera.intrinsic[:2, 2]
+    size_px = np.array([camera.width_px, camera.height_px])
+    visible = reached & ((uv_px >= -0.5) & (uv_px < size_px - 0.5)).all(axis=1)
+    return uv_px, depth_m, visible
+
+
+def distorted(camera: Camera, plane: Array) -> Floats:
+    """Return (n, 2) where the lens puts the places of the plane at distance 1.
+
+    Args:
+        camera: Its distortion.
+        plane: (n, 2) x / z, y / z in the axes of the camera.
+    """
+    k1, k2, p1, p2, k3 = camera.distortion
+    x, y = np.asarray(plane, dtype=np.float64).T
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    shifted_x = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+    shifted_y = y * radial + 2 * p2 * x * y + p1 * (r2 + 2 * y * y)
+    return np.stack([shifted_x, shifted_y], axis=1)
+
+
+def rays(camera: Camera, uv_px: Array) -> Floats:
+    """Return (n, 3) unit directions in ego axes from the camera through pixels; NaN where no ray arrives.
+
+    Args:
+        camera: Where it is and how it sees.
+        uv_px: (n, 2) pixels; (0, 0) is the centre of the first one.
+    """
+    uv_px = np.asarray(uv_px, dtype=np.float64).reshape(-1, 2)
+    target = (uv_px - camera.intrinsic[:2, 2]) @ np.linalg.inv(camera.intrinsic[:2, :2]).T
+    plane = target.copy()
+    with np.errstate(all="ignore"):  # a pixel without a ray runs away and becomes NaN below
+        for _ in range(_NEWTON_STEPS):
+            plane -= _newton_step(camera, plane, distorted(camera, plane) - target)
+        missed = np.abs(distorted(camera, plane) - target).max(axis=1, initial=0)
+        arrives = (missed < _CONVERGED) & ((plane * plane).sum(axis=1) < _turning_point(camera))
+    plane[~arrives] = np.nan
+    direction = np.concatenate([plane, np.ones((len(plane), 1))], axis=1)
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    return np.asarray(direction @ camera.ego_from_camera[:3, :3].T)
+
+
+def _newton_step(camera: Camera, plane: Array, residual: Array) -> Floats:
+    """Return (n, 2) the inverse Jacobian of `distorted` times the residual."""
+    k1, k2, p1, p2, k3 = camera.distortion
+    x, y = plane.T
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    growth = 2 * (k1 + r2 * (2 * k2 + 3 * k3 * r2))
+    xx = radial + x * x * growth + 2 * p1 * y + 6 * p2 * x
+    yy = radial + y * y * growth + 2 * p2 * x + 6 * p1 * y
+    xy = x * y * growth + 2 * p1 * x + 2 * p2 * y  # the Jacobian is symmetric
+    to_x = yy * residual[:, 0] - xy * residual[:, 1]
+    to_y = xx * residual[:, 1] - xy * residual[:, 0]
+    return np.asarray(np.stack([to_x, to_y], axis=1) / (xx * yy - xy * xy)[:, None])
+
+
+def _turning_point(camera: Camera) -> float:
+    """Return the squared radius from which on a larger angle no longer lands farther out."""
+    k1, k2, _, _, k3 = camera.distortion
+    roots = np.roots([7 * k3, 5 * k2, 3 * k1, 1])  # of the slope of r (1 + k1 r^2 + k2 r^4 + k3 r^6)
+    real = roots.real[(np.abs(roots.imag) < 1e-12) & (roots.real > 0)]
+    return float(real.min(initial=np.inf))
