@@ -96,16 +96,16 @@ def _solid_range(origin_m: Array, rays: Array, solids: Solids, limit_m: Array) -
     # From near to far, so that rays which already ended are spared the things behind.
     for k in np.argsort(free_m, kind="stable"):
         near = _rays_near(rays, ball_m[k], float(radius_m[k]))
-        near = near[range_m[near] > free_m[k]]
+        near = near[range_m.take(near) > free_m[k]]
         if not len(near):
             continue
-        turned = _turned(rays[:, near], -solids.heading_rad[first[k]])
+        turned = _turned(rays.take(near, axis=1), -solids.heading_rad[first[k]])
         for i in range(first[k], last[k]):
             start_m = _turned(-offset_m[i], -solids.heading_rad[i])
             found_m = _enter_range(
                 start_m / solids.half_m[i], turned / solids.half_m[i, :, None], solids.form[i]
             )
-            closer = found_m < range_m[near]
+            closer = found_m < range_m.take(near)
             range_m[near[closer]], solid[near[closer]] = found_m[closer], i
     return range_m, solid
 
@@ -170,6 +170,7 @@ def _slab(start: Array, rays: Array) -> tuple[Array, Array]:
 def _ball(start: Array, rays: Array) -> tuple[Array, Array]:
     """Return where rays enter and leave the ball of radius 1; NaN where they pass it by."""
     a, b = (rays**2).sum(axis=0), (rays * start[:, None]).sum(axis=0)
+    a = np.maximum(a, 1e-300)  # a ray along the axis of a cylinder stays inside for ever, or outside
     root = np.sqrt(b**2 - a * ((start**2).sum() - 1))
     return (-b - root) / a, (-b + root) / a
 

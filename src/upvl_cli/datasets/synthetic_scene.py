@@ -197,7 +197,7 @@ def solids_at(scene: Scene, time_s: float) -> Solids:
         time_s: Time since the drive began.
     """
     things, parts = scene.things, [part for thing in scene.things for part in thing.parts]
-    thing = np.repeat(np.arange(len(things)), [len(each.parts) for each in things])
+    thing = np.array([number for number, each in enumerate(things) for _ in each.parts], dtype=np.int64)
     world_from_thing = np.array([scene.world_from(each.motion, time_s) for each in things]).reshape(-1, 4, 4)
     # Where a walker starts decides its step, so that walkers do not march in time.
     phase_rad = 2 * np.pi * STRIDE_HZ * time_s + np.array([each.motion.start.x_m for each in things])

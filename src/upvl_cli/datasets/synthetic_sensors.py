@@ -13,11 +13,9 @@ from upvl_cli.types import Array, Camera, ParallelArrays, array
 
 LIDAR_HEIGHT_M = 1.8
 LIDAR_REACH_M = 75.0
-LIDAR_COLUMNS = 1200
+LIDAR_COLUMNS = 1080
 # Beams stand closest around the horizon, where the street is far away.
-LIDAR_ELEVATION_DEG = np.concatenate(
-    [np.linspace(-25, -9, 11), np.linspace(-8.6, 1.2, 29), [2.5, 4.5, 7.5, 11]]
-)
+LIDAR_ELEVATION_DEG = np.concatenate([np.linspace(-25, -9, 11), np.linspace(-8.6, 1.2, 28), [3.0, 6.0, 10.0]])
 RANGE_NOISE_M = 0.02
 INTENSITY_NOISE = 0.02
 FAR_DROPOUT = 0.25  # share of rays lost at the end of the reach, beside what the material loses
