@@ -7,12 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from upvl_cli.datasets.kitti import Kitti, KittiDrive
+from upvl_cli.datasets.kitti import Kitti
+from upvl_cli.datasets.kitti_drive import KittiDrive
 from upvl_cli.datasets.kitti_files import numbered_files
 from upvl_cli.datasets.kitti_objects import read_objects
 from upvl_cli.datasets.kitti_tracklets import read_tracklets
 from upvl_cli.errors import BadInput
 from upvl_cli.geometry.boxes import points_inside
+from upvl_cli.geometry.camera import project
 from upvl_cli.geometry.se3 import apply
 from upvl_cli.types import Array, Bools, Ints, Labels
 
@@ -32,16 +34,19 @@ class KittiLabels:
         self._kitti = Kitti(root)
 
     def labels(self, segment: str) -> Labels:
-        """All boxes of the frames that the drive has, by frame; raises `BadInput` where it has none."""
+        """Return all boxes of the frames that the drive has, in the order of the frames.
+
+        Raises:
+            BadInput: The drive has no labels, or a file is not what it has to be.
+        """
         drive = self._kitti.open(segment)
         labels = _tracklets(drive) if _tracklets_path(drive).is_file() else _objects(drive)
-        known = np.isin(labels.frame, [frame.index for frame in drive.frames])
-        labels = labels[known]
-        labels = labels[np.argsort(labels.frame, kind="stable")]
-        return replace(labels, velocity_mps=_velocities(labels, drive), points=_points_inside(labels, drive))
+        labels = labels[np.isin(labels.frame, [frame.index for frame in drive.frames])]
+        labels = _on_points(labels[np.argsort(labels.frame, kind="stable")], drive)
+        return replace(labels, velocity_mps=_velocities(labels, drive))
 
     def frames(self, segment: str) -> Ints:
-        """(n,) index of each frame that was labelled: in the others an object without a box is no error."""
+        """Return the index of each frame that was labelled; of the others nothing is known."""
         drive = self._kitti.open(segment)
         known = np.array([frame.index for frame in drive.frames])
         if _tracklets_path(drive).is_file():
@@ -49,14 +54,14 @@ class KittiLabels:
         return known[np.isin(known, list(_object_files(drive)))]
 
     def covers(self, segment: str, xyz_ego_m: Array) -> Bools:
-        """Whether the left colour camera has each place in its picture, at any distance.
+        """Return whether the left colour camera has each place in its picture, at any distance.
 
         Args:
             segment: Name of the drive.
             xyz_ego_m: (n, 3) places in ego axes.
 
-        Returns:
-            (n,) flags; raises `BadInput` where the drive has no calibration.
+        Raises:
+            BadInput: The drive has no calibration.
         """
         camera = self._kitti.open(segment).calibration.cameras.get(_LABELLED_CAMERA)
         if camera is None:
@@ -64,12 +69,7 @@ class KittiLabels:
                 f"{segment} has no calibration of {_LABELLED_CAMERA}, so what was labelled is unknown; "
                 "put calib_cam_to_cam.txt and calib_velo_to_cam.txt beside the drive"
             )
-        xyz_camera_m = apply(np.linalg.inv(camera.ego_from_camera), np.reshape(xyz_ego_m, (-1, 3)))
-        u, v, depth_m = (xyz_camera_m @ camera.intrinsic.T).T
-        # A pixel reaches half a pixel around its centre; multiplied by the depth, nothing is divided by 0.
-        in_width = (u >= -0.5 * depth_m) & (u < (camera.width_px - 0.5) * depth_m)
-        in_height = (v >= -0.5 * depth_m) & (v < (camera.height_px - 0.5) * depth_m)
-        return np.asarray((depth_m > 0) & in_width & in_height)
+        return project(camera, xyz_ego_m)[2]
 
 
 def _tracklets_path(drive: KittiDrive) -> Path:
@@ -139,10 +139,13 @@ def _velocities(labels: Labels, drive: KittiDrive) -> Array:
     return (velocity[:, None] @ world_from_ego[:, :3, :3])[:, 0]
 
 
-def _points_inside(labels: Labels, drive: KittiDrive) -> Ints:
+def _on_points(labels: Labels, drive: KittiDrive) -> Labels:
+    """The boxes moved as the points that they were drawn around, and how many points are inside."""
+    seven = labels.seven.copy()
     count = np.zeros(len(labels), dtype=np.int64)
     for frame in np.unique(labels.frame).tolist():
         here = labels.frame == frame
-        xyz = drive.points(frame).xyz_ego_m
-        count[here] = points_inside(xyz, labels.seven[here], margin_m=0.0).sum(axis=1)
-    return count
+        seven[here, :3] = drive.untwist(frame, seven[here, :3])
+        xyz_ego_m = drive.points(frame).xyz_ego_m
+        count[here] = points_inside(xyz_ego_m, seven[here], margin_m=0.0).sum(axis=1)
+    return replace(labels, seven=seven, points=count)

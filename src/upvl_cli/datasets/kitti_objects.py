@@ -16,7 +16,7 @@ _FIELDS = 14
 
 
 def read_objects(path: Path, ego_from_rect: Array) -> tuple[list[str], Array]:
-    """The kind and the (n, 7) box in ego axes of every object of one frame, without `DontCare`.
+    """Return the kind and the (n, 7) box in ego axes of each object of a frame, without `DontCare`.
 
     Args:
         path: One line an object; the place is the middle of the floor of its box.

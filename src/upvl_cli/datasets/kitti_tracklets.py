@@ -19,7 +19,7 @@ _AGAIN = "copy the file from the data set again"
 
 
 def read_tracklets(path: Path) -> list[tuple[str, int, Array]]:
-    """Each object's kind, the number of its first frame, and its (n, 7) boxes of n frames in a row.
+    """Return each object's kind, the number of its first frame, and its (n, 7) boxes of n frames in a row.
 
     Args:
         path: The `tracklet_labels.xml`; its boxes are in LiDAR axes and so in ego axes.
