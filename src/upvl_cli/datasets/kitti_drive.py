@@ -35,7 +35,7 @@ class Picture:
     time_ns: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class KittiDrive:
     """One drive of KITTI's raw data.
 
