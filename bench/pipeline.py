@@ -19,10 +19,10 @@ from pathlib import Path
 
 import numpy as np
 from sklearn.cluster import DBSCAN
-from workspaces import on_kitti
 
 from upvl_cli.stages import STAGES
 from upvl_cli.workspace import Workspace
+from workspaces import on_kitti
 
 MIN_FRAMES_PER_S = 2.0
 MAX_PEAK_MIB = 3 * 1024
@@ -49,7 +49,9 @@ def reference_s(xyz_m: np.ndarray) -> float:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("root", type=Path, help="folder with KITTI raw drives")
     parser.add_argument("--keep", type=Path, help="make the workspace here and keep it")
     arguments = parser.parse_args()
@@ -68,7 +70,9 @@ def main() -> None:
             total_s, peak_mib = total_s + wall_s, max(peak_mib, stage_mib)
             print(f"{stage.name:10} {wall_s:8.2f} {cpu_s:8.2f} {wall_s / frames:8.3f} {stage_mib:9.0f}")
     rate = frames / total_s
-    print(f"total {rate:.2f} frames/s, {total_s / frames / plain_s:.2f} x plain DBSCAN a frame, peak {peak_mib:.0f} MiB")
+    print(
+        f"total {rate:.2f} frames/s, {total_s / frames / plain_s:.2f} x plain DBSCAN a frame, peak {peak_mib:.0f} MiB"
+    )
     sys.exit(rate < MIN_FRAMES_PER_S or peak_mib > MAX_PEAK_MIB)
 
 

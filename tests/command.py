@@ -25,7 +25,9 @@ def set_value(workspace: Path, stage: str, key: str, value: str) -> None:
     path = workspace / "stages" / f"{stage}.toml"
     lines = path.read_text().splitlines()
     assert any(line.startswith(f"{key} =") for line in lines), f"{path} has no {key}"
-    path.write_text("\n".join(f"{key} = {value}" if line.startswith(f"{key} =") else line for line in lines) + "\n")
+    path.write_text(
+        "\n".join(f"{key} = {value}" if line.startswith(f"{key} =") else line for line in lines) + "\n"
+    )
 
 
 def upvl(workspace: Path, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:

@@ -65,7 +65,13 @@ def test_a_stage_is_light_and_alone(path: Path) -> None:
     if path.name == "__init__.py":
         return
     top = list(imports(path, top_only=True))
-    assert {name.split(".")[0] for name in top} <= {"__future__", "collections", "dataclasses", "typing", PACKAGE}
+    assert {name.split(".")[0] for name in top} <= {
+        "__future__",
+        "collections",
+        "dataclasses",
+        "typing",
+        PACKAGE,
+    }
     assert not [name for name in imports(path) if name.startswith(f"{PACKAGE}.stages")]
 
 
@@ -73,7 +79,11 @@ def calls(path: Path) -> set[str]:
     """Names of the functions and methods that a file calls."""
     tree = ast.parse(path.read_text())
     called = [node.func for node in ast.walk(tree) if isinstance(node, ast.Call)]
-    return {f.id if isinstance(f, ast.Name) else f.attr for f in called if isinstance(f, (ast.Name, ast.Attribute))}
+    return {
+        f.id if isinstance(f, ast.Name) else f.attr
+        for f in called
+        if isinstance(f, (ast.Name, ast.Attribute))
+    }
 
 
 @pytest.mark.parametrize("path", MODULES, ids=ids)
@@ -88,7 +98,9 @@ def test_who_prints_opens_and_asserts(path: Path) -> None:
 
 @pytest.mark.parametrize("path", MODULES, ids=ids)
 def test_nothing_is_unpickled(path: Path) -> None:
-    assert not [name for name in imports(path) if name.split(".")[0] in {"pickle", "dill", "joblib", "shelve"}]
+    assert not [
+        name for name in imports(path) if name.split(".")[0] in {"pickle", "dill", "joblib", "shelve"}
+    ]
 
 
 @pytest.mark.parametrize("path", MODULES, ids=ids)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -131,11 +130,3 @@ def test_a_folder_that_is_a_file_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "flow").write_text("not a folder")
     with pytest.raises(UpvlError, match="cannot write .*--out"):
         save(tmp_path / "flow" / "drive.parquet", thing(1, 1))
-
-
-@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full here")
-def test_a_full_disk_is_one_line(tmp_path: Path) -> None:
-    # The device that is always full stands where the part file would be.
-    (tmp_path / ".drive.parquet.part").symlink_to("/dev/full")
-    with pytest.raises(UpvlError, match="No space left"):
-        save(tmp_path / "drive.parquet", thing(1, 100_000))

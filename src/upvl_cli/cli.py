@@ -22,7 +22,8 @@ app = typer.Typer(
 )
 
 Segments = Annotated[
-    list[str] | None, typer.Option("--segment", "-s", help="Only this drive; can be given again.", metavar="NAME")
+    list[str] | None,
+    typer.Option("--segment", "-s", help="Only this drive; can be given again.", metavar="NAME"),
 ]
 Workers = Annotated[int, typer.Option(min=1, help="Processes that share the drives between them.")]
 
@@ -47,7 +48,10 @@ def interruptible(command: Callable[..., None]) -> Callable[..., None]:
         try:
             command(*args, **kwargs)
         except KeyboardInterrupt:
-            print("upvl: stopped; what was finished is kept, and the same command goes on from there", file=sys.stderr)
+            print(
+                "upvl: stopped; what was finished is kept, and the same command goes on from there",
+                file=sys.stderr,
+            )
             raise typer.Exit(130) from None
 
     run.__name__ = command.__name__
@@ -60,7 +64,9 @@ def interruptible(command: Callable[..., None]) -> Callable[..., None]:
 @app.callback()
 def workspace_options(
     context: typer.Context,
-    stages: Annotated[Path, typer.Option(envvar="UPVL_STAGES", help="Folder of the settings.")] = Path("stages"),
+    stages: Annotated[Path, typer.Option(envvar="UPVL_STAGES", help="Folder of the settings.")] = Path(
+        "stages"
+    ),
     out: Annotated[Path, typer.Option(envvar="UPVL_OUT", help="Folder of the results.")] = Path("out"),
 ) -> None:
     """Take the folders of the workspace; commands run in it and need no path."""
@@ -106,7 +112,8 @@ for _stage in STAGES:
 def autolabel(
     context: typer.Context,
     moving_only: Annotated[
-        bool | None, typer.Option("--moving-only/--all-motion", help="Label what moves, or parked objects as well.")
+        bool | None,
+        typer.Option("--moving-only/--all-motion", help="Label what moves, or parked objects as well."),
     ] = None,
     segment: Segments = None,
     workers: Workers = 1,
@@ -204,7 +211,9 @@ def init(folder: Annotated[Path, typer.Argument(help="Folder of the new workspac
     from upvl_cli.template import create
 
     create(folder)
-    print(f"{folder} is ready: name your drives in {folder / 'stages' / 'raw.toml'}, then in {folder} run: make pipeline")
+    print(
+        f"{folder} is ready: name your drives in {folder / 'stages' / 'raw.toml'}, then in {folder} run: make pipeline"
+    )
 
 
 @app.command()

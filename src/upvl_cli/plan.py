@@ -66,7 +66,9 @@ def page(stages: Sequence[Stage], folder: Path) -> str:
         lines += ["| column | type | one for each | meaning |", "| --- | --- | --- | --- |"]
         for name, spec in columns_of(stage.row).items():
             shape = f"[{', '.join(map(str, spec.shape))}]" if spec.shape else ""
-            meaning = "; ".join(part for part in (spec.meaning, spec.unit, spec.axes and f"{spec.axes} axes") if part)
+            meaning = "; ".join(
+                part for part in (spec.meaning, spec.unit, spec.axes and f"{spec.axes} axes") if part
+            )
             lines.append(f"| `{name}` | {spec.type}{shape} | {spec.per or 'frame'} | {meaning} |")
         lines.append("")
     return "\n".join(lines)

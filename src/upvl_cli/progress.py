@@ -65,7 +65,9 @@ class Progress:
         self._made += not made.fresh
         self._bars.update(self._task, advance=1, description=f"{made.stage} {made.segment}")
         if not made.fresh and not self._live:
-            print(f"made stage={made.stage} segment={made.segment} rows={made.rows} seconds={made.seconds:.2f}")
+            print(
+                f"made stage={made.stage} segment={made.segment} rows={made.rows} seconds={made.seconds:.2f}"
+            )
 
 
 def status_table(statuses: Sequence[StageStatus]) -> Table:

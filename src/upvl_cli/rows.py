@@ -16,16 +16,26 @@ class BoxRow(Row):
     """Boxes of one frame."""
 
     seven: Array = column(
-        "float64", "centre x, y, z, length, width, height (m), heading (rad)", axes="ego", per="box", shape=(7,)
+        "float64",
+        "centre x, y, z, length, width, height (m), heading (rad)",
+        axes="ego",
+        per="box",
+        shape=(7,),
     )
     velocity_mps: Array = column("float64", "velocity over the ground", "m/s", "ego", per="box", shape=(3,))
+    points: Array = column("int32", "LiDAR points that the box was made from", per="box")
+
+
+@dataclass(frozen=True)
+class LabelRow(BoxRow):
+    """Boxes of one frame that are labels: scored and tracked."""
+
     score: Array = column("float64", "confidence, 0 to 1", per="box")
-    track_id: Array = column("int64", "number of the track, -1 for none", per="box")
-    points: Array = column("int64", "LiDAR points that the box was made from", per="box")
+    track_id: Array = column("int64", "number of the track in its segment", per="box")
 
     @property
     def boxes(self) -> Boxes:
-        """The same without the key."""
+        """The labels without the key."""
         from upvl_cli.types import Boxes
 
         return Boxes(self.seven, self.velocity_mps, self.score, self.track_id)

@@ -113,7 +113,9 @@ def make_shard(workspace: Workspace, stage: Stage, segment: str, settings: Any, 
     )
     # Linux counts kibibytes. It is the process's peak so far: alone in its process, the stage's own.
     peak_mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    made = Made(stage.name, segment, False, rows, dict(inputs.counts), time.perf_counter() - started, peak_mib)
+    made = Made(
+        stage.name, segment, False, rows, dict(inputs.counts), time.perf_counter() - started, peak_mib
+    )
     _log(workspace, made)
     return made
 
@@ -143,8 +145,15 @@ def _check_inputs(workspace: Workspace, stage: Stage, segment: str) -> None:
 
 def _log(workspace: Workspace, made: Made) -> None:
     """Keep how long a shard took, outside the shard: no clock in files that must be the same twice."""
-    line = json.dumps({"stage": made.stage, "segment": made.segment, "rows": made.rows,
-                       "seconds": round(made.seconds, 3), "peak_mib": round(made.peak_mib)})
+    line = json.dumps(
+        {
+            "stage": made.stage,
+            "segment": made.segment,
+            "rows": made.rows,
+            "seconds": round(made.seconds, 3),
+            "peak_mib": round(made.peak_mib),
+        }
+    )
     try:
         with (workspace.out / "runs.jsonl").open("a", encoding="utf-8") as file:
             file.write(line + "\n")
@@ -188,7 +197,9 @@ def run_all(
             raise
 
 
-def _run_segment(stages: Path, out: Path, names: list[str], settings: dict[str, Any], segment: str) -> list[Made]:
+def _run_segment(
+    stages: Path, out: Path, names: list[str], settings: dict[str, Any], segment: str
+) -> list[Made]:
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # the processes are the parallelism
     workspace = Workspace(stages, out)
     return [make_shard(workspace, BY_NAME[name], segment, settings[name], _no_tick) for name in names]

@@ -26,8 +26,9 @@ def load(settings: type[Any], path: Path, overrides: Mapping[str, Any] | None = 
     """
     values = {**_read(path), **(overrides or {})}
     declared = params_of(settings)
-    faults = [f"missing key {name!r} ({spec.meaning})" for name, (_, spec) in declared.items()
-              if name not in values]
+    faults = [
+        f"missing key {name!r} ({spec.meaning})" for name, (_, spec) in declared.items() if name not in values
+    ]
     faults += [_unknown(name, tuple(declared)) for name in values if name not in declared]
     checked: dict[str, Any] = {}
     for name, (kind, spec) in declared.items():

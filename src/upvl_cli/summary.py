@@ -28,4 +28,6 @@ def lines(workspace: Workspace) -> Iterator[str]:
         footers = [read_footer(workspace.shard(stage.name, segment)) for segment in workspace.segments]
         counts = sum((Counter(footer.counts) for footer in footers if footer), Counter())
         if counts:
-            yield f"  {stage.name}: " + ", ".join(f"{items} {reason}" for reason, items in sorted(counts.items()))
+            yield f"  {stage.name}: " + ", ".join(
+                f"{items} {reason}" for reason, items in sorted(counts.items())
+            )

@@ -33,9 +33,7 @@ def schema_of(row: type[Row]) -> pa.Schema:
     return pa.schema([pa.field(name, arrow(spec), nullable=False) for name, spec in columns_of(row).items()])
 
 
-def write(
-    path: Path, row: type[Row], rows: Iterable[Row], *, stamp: str, counts: Mapping[str, int]
-) -> int:
+def write(path: Path, row: type[Row], rows: Iterable[Row], *, stamp: str, counts: Mapping[str, int]) -> int:
     """Write a shard beside its place and move it there when it is whole.
 
     Args:

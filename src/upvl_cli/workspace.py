@@ -74,10 +74,14 @@ class Workspace:
             self.check_name(name, known)
         chosen = tuple(dict.fromkeys(self.raw.segments)) or known
         if not chosen:
-            raise BadInput(f"no drive of dataset {self.raw.dataset!r} under {self.raw.root!r}; see stages/raw.toml")
+            raise BadInput(
+                f"no drive of dataset {self.raw.dataset!r} under {self.raw.root!r}; see stages/raw.toml"
+            )
         for name in chosen:
             if not SAFE_NAME.fullmatch(name):
-                raise BadInput(f"segment {name!r}: only letters, digits, '.', '_' and '-' can be used; rename it")
+                raise BadInput(
+                    f"segment {name!r}: only letters, digits, '.', '_' and '-' can be used; rename it"
+                )
         return chosen
 
     def check_name(self, name: str, known: tuple[str, ...]) -> None:
@@ -117,7 +121,9 @@ class Workspace:
         values = self.settings(stage) if settings is None else settings
         makers: dict[str, Any] = {stage.name: {"version": stage.version, "values": asdict(values)}}
         for name in stage.reads:
-            above = {"raw": {"dataset": self.raw.dataset}} if name == "raw" else self._makers(BY_NAME[name], None)
+            above = (
+                {"raw": {"dataset": self.raw.dataset}} if name == "raw" else self._makers(BY_NAME[name], None)
+            )
             makers = above | makers
         return makers
 

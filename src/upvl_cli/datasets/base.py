@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Protocol
 
-from upvl_cli.types import Array, Bools, Camera, Frame, Image, Labels, Points
+from upvl_cli.types import Array, Bools, Camera, Frame, Image, Ints, Labels, Points
 
 
 class Drive(Protocol):
@@ -67,6 +67,9 @@ class LabelSource(Protocol):
 
     def labels(self, segment: str) -> Labels:
         """All boxes of a segment; raises `BadInput` where it has none."""
+
+    def frames(self, segment: str) -> Ints:
+        """(n,) indices of the frames that were labelled; in the others a box is neither right nor wrong."""
 
     def covers(self, segment: str, xyz_ego_m: Array) -> Bools:
         """(n,) whether each place lies where objects were labelled, for example in the front view."""

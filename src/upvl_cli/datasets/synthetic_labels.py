@@ -44,6 +44,10 @@ class SyntheticLabels:
             difficulty=np.where(points > HARD_POINTS, 1, 2),
         )
 
+    def frames(self, segment: str) -> Ints:
+        """Return all frames: each is labelled."""
+        return np.array([frame.index for frame in self._dataset.open(segment).frames])
+
     def covers(self, segment: str, xyz_ego_m: Array) -> Bools:
         """Return (n,) true: every place is labelled.
 

@@ -14,7 +14,8 @@ from upvl_cli.types import Array, Boxes, Camera
 EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
 FRONT = (0, 3, 7, 4)
 MIN_DEPTH_M = 0.5  # an edge that comes closer to the lens would cross the whole picture
-SEGMENTS = 8  # a lens bends an edge: it is drawn in pieces
+PIECES = 8  # a lens bends an edge: it is drawn in pieces
+MIN_WIDTH_PX = 1200  # smaller pictures are enlarged, so that lines and ids can be read
 
 
 def camera_view(rgb: Array, camera: Camera, boxes: Boxes) -> Image.Image:
@@ -26,25 +27,29 @@ def camera_view(rgb: Array, camera: Camera, boxes: Boxes) -> Image.Image:
         boxes: The labels, in the ego axes of the frame.
     """
     image = Image.fromarray(rgb)
+    scale = max(1, -(-MIN_WIDTH_PX // image.width))
+    image = image.resize((image.width * scale, image.height * scale), Image.Resampling.BICUBIC)
     draw = ImageDraw.Draw(image)
     far_first = np.argsort(-np.linalg.norm(boxes.seven[:, :2], axis=1))
-    for box, points in zip(boxes[far_first], corners(boxes.seven[far_first]), strict=True):
-        _box(draw, camera, points, colours.of_track(int(box.track_id)), str(int(box.track_id)))
+    for track_id, points in zip(boxes.track_id[far_first], corners(boxes.seven[far_first]), strict=True):
+        _box(draw, camera, points, scale, colours.of_track(int(track_id)), str(track_id))
     return image
 
 
 def _box(
-    draw: ImageDraw.ImageDraw, camera: Camera, points: Array, colour: colours.Colour, name: str
+    draw: ImageDraw.ImageDraw, camera: Camera, points: Array, scale: int, colour: colours.Colour, name: str
 ) -> None:
     anchors = []
     for start, end in EDGES:
-        share = np.linspace(0.0, 1.0, SEGMENTS)[:, None]
+        share = np.linspace(0.0, 1.0, PIECES)[:, None]
         pixels, depth_m, _ = project(camera, points[start] * (1 - share) + points[end] * share)
         seen = (depth_m > MIN_DEPTH_M) & np.isfinite(pixels).all(axis=1)
         if seen.sum() < 2:
             continue
-        line = [(float(column), float(row)) for column, row in pixels[seen]]
+        line = [(float(column), float(row)) for column, row in (pixels[seen] + 0.5) * scale]
         draw.line(line, fill=colour, width=3 if {start, end} <= set(FRONT) else 1)
         anchors.append(line[0])
     if anchors:
-        draw.text(min(anchors, key=lambda pixel: pixel[1]), name, fill=colour, font=ImageFont.load_default(13))
+        draw.text(
+            min(anchors, key=lambda pixel: pixel[1]), name, fill=colour, font=ImageFont.load_default(13)
+        )

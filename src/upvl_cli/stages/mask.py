@@ -26,7 +26,9 @@ class MaskRow(Row):
 
     is_moving: Array = column("bool", "faster than min_speed_mps", per="point")
     background: Array = column(
-        "int8", "1 looks like background, 0 does not, -1 unknown: it has no vision-language feature", per="point"
+        "int8",
+        "1 looks like background, 0 does not, -1 unknown: it has no vision-language feature",
+        per="point",
     )
 
 

@@ -32,13 +32,13 @@ class OdometryRow(Row):
 
 def run(inputs: Inputs, params: OdometryParams) -> Iterator[OdometryRow]:
     """Pass the drive's poses through, or estimate them from the sweeps where it has none."""
-    from upvl_cli.algorithms.odometry import odometry
-
     drive = inputs.drive
     for reason, items in drive.skipped.items():
         inputs.count(reason, items)
     poses = drive.world_from_ego
     if poses is None:
+        from upvl_cli.algorithms.odometry import odometry
+
         poses = odometry(
             (drive.points(frame.index).xyz_ego_m for frame in drive.frames),
             voxel_m=params.voxel_m,

@@ -1,0 +1,83 @@
+"""Objects of each sweep, before they are tracked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from upvl_cli.rows import BoxRow
+from upvl_cli.stage import Stage, column, param
+
+if TYPE_CHECKING:
+    from upvl_cli.inputs import Inputs
+    from upvl_cli.types import Array
+
+
+@dataclass(frozen=True)
+class ProposeParams:
+    """Settings of `propose`."""
+
+    eps_m: float = param("neighbours are closer than this", "m", above=0)
+    eps_mps: float = param("and their motion differs by less than this", "m/s", above=0)
+    min_points: int = param("points that make a dense neighbourhood, and the fewest of an object", least=1)
+    voxel_m: float = param("points closer than this count as one place", "m", above=0)
+    max_background_share: float = param(
+        "drop an object with a larger share of background points: the paper's r_bg", least=0, most=1
+    )
+    moving_mps: float = param("from this speed on motion gives the heading, below it shape", "m/s", least=0)
+    foot_m: float = param("points lower than this have no say in length, width and heading", "m", least=0)
+    stand_m: float = param(
+        "an object whose lowest point is lower than this stands on the ground", "m", least=0
+    )
+    trim: float = param("share of stray points left out at each end of a box", least=0, most=0.4)
+    margin_m: float = param("points this far outside a box still join it", "m", least=0)
+
+
+@dataclass(frozen=True)
+class ProposeRow(BoxRow):
+    """Boxes of one sweep, and which points they were made from."""
+
+    box_of_point: Array = column(
+        "int32", "number of the box that the point belongs to, -1 for none", per="point"
+    )
+
+
+def run(inputs: Inputs, params: ProposeParams) -> Iterator[ProposeRow]:
+    """Cluster the points that move, and fit the tightest box around each cluster."""
+    from dataclasses import asdict
+
+    import numpy as np
+
+    from upvl_cli.algorithms.proposals import NOISE, propose
+
+    grounds, masks = inputs.table("ground"), inputs.table("mask")
+    for flow in inputs.table("flow"):
+        ground, mask = grounds[flow.frame], masks[flow.frame]
+        above = np.flatnonzero(~ground.is_ground)
+        found = propose(
+            inputs.drive.points(flow.frame).xyz_ego_m[above].astype(np.float64),
+            flow.flow_mps[above].astype(np.float64),
+            mask.is_moving[above],
+            mask.background[above] == 1,
+            ground.height_m[above].astype(np.float64),
+            **asdict(params),
+        )
+        box_of_point = np.full(len(mask.is_moving), NOISE)
+        box_of_point[above] = found.of_point
+        inputs.count("boxes kept", len(found.seven))
+        for reason, items in found.dropped.items():
+            inputs.count(reason, items)
+        yield ProposeRow(
+            inputs.segment,
+            flow.frame,
+            seven=found.seven,
+            velocity_mps=found.velocity_mps,
+            points=found.points,
+            box_of_point=box_of_point,
+        )
+
+
+STAGE = Stage(
+    name="propose", run=run, params=ProposeParams, row=ProposeRow, reads=("raw", "ground", "flow", "mask")
+)

@@ -1,0 +1,199 @@
+"""Commands whole: what they print, what they refuse, how they exit."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from command import ROOT, UPVL, fails, make_workspace, set_value, upvl
+from upvl_cli.stages import STAGES
+
+
+@pytest.fixture(scope="module")
+def labelled(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A workspace in which the built-in drive has been labelled once."""
+    folder = make_workspace(tmp_path_factory.mktemp("labelled"))
+    done = upvl(folder, "autolabel", "--moving-only")
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+@pytest.fixture
+def copy(labelled: Path, tmp_path: Path) -> Path:
+    """The same, to change at will."""
+    shutil.copytree(labelled, tmp_path / "copy", copy_function=shutil.copy2)
+    return tmp_path / "copy"
+
+
+def made(done: subprocess.CompletedProcess[str]) -> list[str]:
+    """The stages of which a run made a shard."""
+    return [line.split()[1].split("=")[1] for line in done.stdout.splitlines() if line.startswith("made ")]
+
+
+def test_help_names_every_stage_and_loads_nothing_heavy(tmp_path: Path) -> None:
+    done = upvl(tmp_path, "--help")
+    assert done.returncode == 0
+    assert all(stage.name in done.stdout for stage in STAGES)
+    code = "import sys, upvl_cli.cli; print([m for m in ('torch', 'numpy', 'pyarrow', 'scipy') if m in sys.modules])"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "[]\n"
+
+
+def test_help_of_a_stage_tells_meaning_unit_and_range(tmp_path: Path) -> None:
+    text = " ".join(upvl(tmp_path, "mask", "--help").stdout.replace("│", " ").split())
+    assert "a point moves from this speed on: the paper's eps_sf (m/s, >= 0)" in text
+
+
+def test_labels_and_summary(labelled: Path) -> None:
+    done = upvl(labelled, "summary")
+    assert done.returncode == 0
+    assert done.stdout.startswith("street-0: 20 frames, ")
+    assert "points moving" in done.stdout
+
+
+def test_a_second_run_makes_nothing(copy: Path) -> None:
+    assert made(upvl(copy, "autolabel", "--moving-only")) == []
+
+
+def test_a_changed_value_remakes_its_stage_and_later(copy: Path) -> None:
+    set_value(copy, "mask", "min_speed_mps", "1.5")
+    assert made(upvl(copy, "autolabel", "--moving-only")) == ["mask", "propose", "track", "amodal", "nms"]
+
+
+def test_a_comment_remakes_nothing(copy: Path) -> None:
+    path = copy / "stages" / "flow.toml"
+    path.write_text(path.read_text() + "# a thought\n")
+    assert made(upvl(copy, "autolabel", "--moving-only")) == []
+
+
+def test_a_stage_by_hand_wants_its_inputs_first(tmp_path: Path) -> None:
+    folder = make_workspace(tmp_path)
+    assert (
+        "flow needs out/odometry/street-0.parquet, which is missing (not made); run: upvl odometry"
+        in fails(folder, "flow")
+    )
+
+
+def test_a_stage_below_a_changed_one_is_refused(copy: Path) -> None:
+    set_value(copy, "mask", "min_speed_mps", "1.5")
+    message = fails(copy, "track")
+    assert "out/propose/street-0.parquet, which is stale (mask.min_speed_mps 1.0 -> 1.5)" in message
+
+
+def test_other_values_by_hand_do_not_get_into_the_same_folder(copy: Path) -> None:
+    before = (copy / "out" / "mask" / "street-0.parquet").read_bytes()
+    message = fails(copy, "mask", "--min-speed-mps", "2")
+    assert "out holds mask with other values (mask.min_speed_mps 1.0 -> 2.0)" in message
+    assert "cp -r stages stages2" in message
+    assert (copy / "out" / "mask" / "street-0.parquet").read_bytes() == before
+
+
+def test_status_tells_fresh_stale_and_missing(copy: Path) -> None:
+    set_value(copy, "track", "min_boxes", "9")
+    (copy / "out" / "nms" / "street-0.parquet").unlink()
+    rows = {line.split()[0]: line.split()[1:4] for line in upvl(copy, "status").stdout.splitlines()}
+    assert rows["flow"] == ["1", "0", "0"]
+    assert rows["track"] == ["0", "1", "0"]
+    assert rows["amodal"] == ["0", "1", "0"]
+    assert rows["nms"] == ["0", "0", "1"]
+
+
+def test_draw_writes_pictures_and_names_them(copy: Path) -> None:
+    done = upvl(copy, "draw", "street-0", "--frame", "3")
+    names = [Path(line).name for line in done.stdout.splitlines()]
+    assert names == ["street-0-000003-above.png", "street-0-000003-front.png"]
+    assert all((copy / line).read_bytes().startswith(b"\x89PNG") for line in done.stdout.splitlines())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["draw", "--frame", "99"], "street-0 has no frame 99: it has 0 to 19"),
+        (["draw", "street-9"], "unknown segment 'street-9'; did you mean 'street-0'?"),
+        (["flow", "--segment", "../street-0"], "unknown segment '../street-0'"),
+        (["autolabel"], "say which objects to label: upvl autolabel --moving-only"),
+        (["autolabel", "--all-motion"], "--all-motion needs vision-language features"),
+        (["init", "."], "stages exists already: choose another folder, nothing was changed"),
+    ],
+)
+def test_what_cannot_be_done_is_one_line(labelled: Path, arguments: list[str], message: str) -> None:
+    assert message in fails(labelled, *arguments)
+
+
+def test_a_typo_is_answered_with_the_right_word(labelled: Path) -> None:
+    done = upvl(labelled, "autolable")
+    assert done.returncode == 2
+    assert "Did you mean 'autolabel'" in done.stderr
+
+
+def test_outside_a_workspace(tmp_path: Path) -> None:
+    assert "stages/raw.toml is missing" in fails(tmp_path, "segments")
+
+
+def test_segments(labelled: Path) -> None:
+    assert upvl(labelled, "segments").stdout == "street-0\n"
+
+
+def test_a_new_workspace_works(tmp_path: Path) -> None:
+    done = upvl(tmp_path, "init", "mine")
+    assert done.returncode == 0
+    assert upvl(tmp_path / "mine", "segments").stdout == "street-0\n"
+    make = ["make", f"UPVL_COMMAND={UPVL}", "odometry"]
+    assert subprocess.run(make, cwd=tmp_path / "mine", capture_output=True).returncode == 0
+    assert (tmp_path / "mine" / "out" / "odometry" / "street-0.parquet").is_file()
+
+
+def test_workers_make_the_same_bytes(labelled: Path, tmp_path: Path) -> None:
+    folder = make_workspace(tmp_path)
+    done = upvl(folder, "autolabel", "--moving-only", "--workers", "2")
+    assert done.returncode == 0, done.stderr
+    assert shards(folder) == shards(labelled)
+
+
+def test_make_makes_the_same_bytes_and_then_nothing(labelled: Path, tmp_path: Path) -> None:
+    folder = make_workspace(tmp_path)
+    shutil.copy(ROOT / "workspace.mk", folder / "Makefile")
+    make = ["make", "--jobs=2", f"UPVL_COMMAND={UPVL}"]
+    done = subprocess.run(make, cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert shards(folder) == shards(labelled)
+    again = subprocess.run(make, cwd=folder, capture_output=True, text=True)
+    assert not [line for line in again.stdout.splitlines() if line.startswith("made ")]
+
+
+def shards(workspace: Path) -> dict[str, bytes]:
+    """Every shard of a workspace, byte by byte."""
+    return {str(path.relative_to(workspace)): path.read_bytes() for path in workspace.glob("out/*/*.parquet")}
+
+
+def test_ctrl_c_is_one_line_and_leaves_no_half_file(tmp_path: Path) -> None:
+    folder = make_workspace(tmp_path)
+    process = subprocess.Popen([UPVL, "autolabel", "--moving-only"], cwd=folder, stdout=subprocess.PIPE,
+                               stderr=subprocess.PIPE, text=True)  # fmt: skip
+    assert process.stdout is not None
+    process.stdout.readline()  # the first shard is made: the run is under way
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert errors.strip() == (
+        "upvl: stopped; what was finished is kept, and the same command goes on from there"
+    )
+    assert not list(folder.glob("out/**/.*.part"))
+
+
+def test_timings_stand_beside_the_shards(labelled: Path) -> None:
+    lines = [json.loads(line) for line in (labelled / "out" / "runs.jsonl").read_text().splitlines()]
+    assert [line["stage"] for line in lines] == [stage.name for stage in STAGES]
+
+
+def test_the_page_of_the_stages_is_up_to_date(tmp_path: Path) -> None:
+    done = upvl(ROOT, "docs", str(tmp_path / "pipeline.md"))
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "pipeline.md").read_text() == (ROOT / "docs" / "pipeline.md").read_text(), (
+        "run: make docs"
+    )
