@@ -68,7 +68,7 @@ def _by_velocity(boxes: Boxes) -> Ints:
 
 
 def _by_sign(boxes: Boxes) -> Ints:
-    return (boxes.type == TYPES.index("TYPE_SIGN")).astype(np.int64)
+    return np.where(boxes.type == TYPES.index("TYPE_SIGN"), 1, 0)
 
 
 def _all(boxes: Boxes) -> Ints:

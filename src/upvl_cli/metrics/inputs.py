@@ -38,7 +38,7 @@ class Truth(ParallelArrays):
     def __post_init__(self) -> None:
         super().__post_init__()
         _check_boxes(self, "label")
-        _check(self, np.isin(self.level, (0, 1, 2)), "label", f"level {self.level}, expected 0, 1 or 2")
+        _check(self, np.isin(self.level, (0, 1, 2)), "label", "an unknown level, expected 0, 1 or 2")
 
 
 @dataclass(frozen=True)
@@ -109,9 +109,10 @@ def speed_mps(velocity_mps: Floats) -> Floats:
 
 
 def _check_boxes(boxes: Truth | Predictions, what: str) -> None:
-    fine = np.isfinite(boxes.seven).all(axis=1)
+    fine = np.asarray(np.isfinite(boxes.seven).all(axis=1))
     _check(boxes, fine, what, "a box that is not finite; drop it or mend its source")
-    _check(boxes, np.isin(boxes.type, range(len(TYPES))), what, f"an unknown type, expected 0 to {len(TYPES) - 1}")
+    known = np.isin(boxes.type, range(len(TYPES)))
+    _check(boxes, known, what, f"an unknown type, expected 0 to {len(TYPES) - 1}")
 
 
 def _check(boxes: Truth | Predictions, fine: Array, what: str, problem: str) -> None:
