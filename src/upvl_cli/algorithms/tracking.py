@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from filterpy.kalman import predict, update
@@ -115,7 +115,9 @@ def _follow(
     for now in np.unique(frame):
         rows = np.flatnonzero(frame == now)
         alive = [one for one in tracks if time_s[now] - one.time_s <= max_coast_s]
-        expected = [predict(one.state, one.spread, *model.transition(time_s[now] - one.time_s)) for one in alive]
+        expected = [
+            predict(one.state, one.spread, *model.transition(time_s[now] - one.time_s)) for one in alive
+        ]
         states = np.array([state for state, _ in expected]).reshape(-1, 4)
         spreads = np.array([spread for _, spread in expected]).reshape(-1, 4, 4)
         cost = squared_distance(measured[rows] - states[:, None], spreads[:, None] + noise[rows])
