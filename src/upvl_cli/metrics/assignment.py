@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from upvl_cli.metrics.score_order import by_score
 from upvl_cli.types import Array, Floats, Ints
 
 Pair = tuple[int, int, int]  # prediction, label, weight
@@ -126,17 +127,17 @@ def _relabel(weight: Ints, label_row: Ints, label_column: Ints, rows: list[int],
 
 
 def score_first(matchable: Array, weight: Ints, score: Floats) -> Ints:
-    """Return (p,) the label of each prediction, -1 for none: the best free one, by descending score.
+    """Return (p,) the label of each prediction, -1 for none: by descending score, the best free one.
 
     Args:
         matchable: (p, t), whether a pair reaches the threshold.
         weight: (p, t) what the matcher compares. The official one looks it up under the wrong numbers
             (matcher.cc:283), so that it can belong to other boxes than the pair.
-        score: (p,) confidence; equal ones keep their order.
+        score: (p,) confidence.
     """
     label_of = np.full(len(score), -1)
     free = np.ones(matchable.shape[1], dtype=np.bool_)
-    for p in np.argsort(-score, kind="stable"):
+    for p in by_score(score):
         candidates = np.flatnonzero(free & matchable[p])
         if len(candidates):
             label_of[p] = candidates[np.argmax(weight[p, candidates])]
