@@ -132,7 +132,7 @@ def street_points(seconds: float) -> tuple[np.ndarray, np.ndarray]:
     intensity = np.repeat([0.2, 0.4, 0.8], [len(ground), len(walls), len(car)])
     # Not under the ego car, and not at the rear, where a turn ends and the next begins.
     behind = np.abs(np.arctan2(xyz[:, 1], xyz[:, 0])) > 3.0
-    seen = (np.hypot(xyz[:, 0], xyz[:, 1]) > 3) & ~behind
+    seen = (np.hypot(xyz[:, 0], xyz[:, 1]) > 3.5) & ~behind
     return xyz[seen], intensity[seen]
 
 

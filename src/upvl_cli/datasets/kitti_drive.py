@@ -24,6 +24,9 @@ from upvl_cli.types import Array, Camera, Frame, Image, Points
 EXPECTED = "<root>/2011_09_26/2011_09_26_drive_0001_sync/velodyne_points/data/0000000000.bin"
 
 _LIDAR_HEIGHT_M = 1.73  # the Velodyne above the road: Geiger et al., IJRR 2013, figure 3
+# The car around its LiDAR, with the rack whose tips return up to 1.5 m to each side (seen in drive 0001):
+# what is measured in there moves as the car does, and is the car.
+_CAR_X_M, _CAR_Y_M = (-2.3, 3.0), (-1.6, 1.6)
 _CAMERAS = ("image_00", "image_01", "image_02", "image_03")
 
 
@@ -63,7 +66,7 @@ class KittiDrive:
     ground_z_m: float = -_LIDAR_HEIGHT_M
 
     def points(self, frame: int) -> Points:
-        """Return the sweep of a frame, motion-compensated where the drive has poses.
+        """Return the sweep of a frame without the car itself, motion-compensated where the drive has poses.
 
         Raises:
             BadInput: There is no such frame, or its file is damaged.
@@ -71,7 +74,7 @@ class KittiDrive:
         if frame not in self.sweeps:
             known = f"it has {len(self.sweeps)} between {min(self.sweeps)} and {max(self.sweeps)}"
             raise BadInput(f"{self.name} has no frame {frame}; {known}")
-        seen = read_sweep(self.sweeps[frame])
+        seen = _without_car(read_sweep(self.sweeps[frame]))
         offset_s = kitti_twist.offsets_s(seen.xyz_ego_m, turn_s=self.turn_s)
         return replace(seen, xyz_ego_m=self.untwist(frame, seen.xyz_ego_m), time_offset_ns=offset_s * 1e9)
 
@@ -206,3 +209,10 @@ def _pictures(
         else:
             pictures[number] = Picture(paths[number], times[number])
     return pictures
+
+
+def _without_car(seen: Points) -> Points:
+    """The points of a sweep that do not lie on the car that carries the LiDAR."""
+    x_m, y_m = seen.xyz_ego_m[:, 0], seen.xyz_ego_m[:, 1]
+    along = (x_m > _CAR_X_M[0]) & (x_m < _CAR_X_M[1])
+    return seen[~(along & (y_m > _CAR_Y_M[0]) & (y_m < _CAR_Y_M[1]))]

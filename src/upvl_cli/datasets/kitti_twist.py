@@ -74,9 +74,10 @@ def untwist(xyz_ego_m: Array, twist: Array, *, turn_s: float) -> Array:
         turn_s: Seconds of one turn.
 
     Returns:
-        (n, 3) float64; to first order, which is 2 cm at 50 m in a turn of 0.5 rad/s.
+        (n, 3) in the precision of the places; to first order, which is 2 cm at 50 m in a turn of 0.5 rad/s.
     """
-    xyz = np.asarray(xyz_ego_m, dtype=np.float64)
+    xyz = np.asarray(xyz_ego_m)
     rate_x, rate_y, rate_z = twist[3:]
     skew = np.array([[0, -rate_z, rate_y], [rate_z, 0, -rate_x], [-rate_y, rate_x, 0]])
-    return np.asarray(xyz + offsets_s(xyz, turn_s=turn_s)[:, None] * (xyz @ skew.T + twist[:3]))
+    velocity = xyz @ skew.T.astype(xyz.dtype) + twist[:3].astype(xyz.dtype)
+    return np.asarray(xyz + offsets_s(xyz, turn_s=turn_s)[:, None] * velocity)

@@ -19,6 +19,7 @@ class GroundParams:
 
     cell_m: float = param("edge of the cells of the ground map", "m", above=0)
     max_slope: float = param("steepest ground, as rise over run", above=0)
+    tolerance_m: float = param("ground may lie this far above the map's planes", "m", above=0)
     max_height_m: float = param("points up to this height above the map are ground", "m", least=0)
 
 
@@ -40,6 +41,7 @@ def run(inputs: Inputs, params: GroundParams) -> Iterator[GroundRow]:
             start_z_m=inputs.drive.ground_z_m,
             cell_m=params.cell_m,
             max_slope=params.max_slope,
+            tolerance_m=params.tolerance_m,
         )
         is_ground = height_m <= params.max_height_m
         inputs.count("ground points", is_ground.sum())
