@@ -83,11 +83,12 @@ def tasks(vector: Mapping[str, Any]) -> Iterator[Task]:
             for tool, results in need(runs, set(), section).items():
                 yield Task(f"{section}.{tool}", is_tracking(tool), False, default_rule(), results)
             continue
+        tracked = is_tracking(section)
         for name, run in need(runs, set(), section).items():
             where = f"{section}.{name}"
             run = need(run, {"iou_thresholds", "matcher", "breakdowns", "result"}, where)
             merged = section.endswith("vru_merged")
-            yield Task(where, is_tracking(section), merged, rule_of(run, where), run["result"])
+            yield Task(where, tracked, merged, rule_of(run, where), run["result"])
 
 
 def is_tracking(name: str) -> bool:

@@ -186,8 +186,8 @@ def test_empty_sides(truths: int, found: int) -> None:
 
 
 def test_levels_of_the_tool() -> None:
-    levels = resolved_level(np.array([0, 0, 0, 1, 2]), np.array([6, 5, 1, 2, 100]))
-    assert levels.tolist() == [1, 2, 2, 1, 2]
+    levels = resolved_level(np.array([0, 0, 0, 1, 2, 0]), np.array([6, 5, 1, 2, 100, -1]))
+    assert levels.tolist() == [1, 2, 2, 1, 2, 1]
     assert resolved_level(np.array([], dtype=int), np.array([], dtype=int)).tolist() == []
 
 

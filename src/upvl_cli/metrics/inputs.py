@@ -93,9 +93,10 @@ def resolved_level(level: Ints, points: Ints) -> Ints:
 
     Args:
         level: (n,) level as labelled, 0 for none; a labelled one stays.
-        points: (n,) LiDAR points inside each box.
+        points: (n,) LiDAR points inside each box, -1 where nobody counted: those are level 1.
     """
-    return np.where(np.asarray(level) > 0, level, np.where(np.asarray(points) <= 5, 2, 1)).astype(np.int64)
+    few = (np.asarray(points) >= 0) & (np.asarray(points) <= 5)
+    return np.where(np.asarray(level) > 0, level, np.where(few, 2, 1)).astype(np.int64)
 
 
 def speed_mps(velocity_mps: Floats) -> Floats:

@@ -86,7 +86,7 @@ def _step(
     carried = [link for link in links if owners.get(link.truth) == link.prediction]
     truths, predictions = {link.truth for link in carried}, {link.prediction for link in carried}
     rest = [link for link in links if link.truth not in truths and link.prediction not in predictions]
-    if not rest:
+    if not rest:  # nearly always
         return owners, Event(since, until, [link.edge for link in carried], 0)
     fresh = _matched(rest, matcher)
     now = {link.truth for link in fresh}

@@ -42,4 +42,5 @@ def _nearest_velocity(pairing: Pairing, mine: slice, labels: slice) -> Floats:
     d = (pairing.predictions.seven[mine, None, :3] - centres).astype(np.float32)
     with np.errstate(over="ignore"):  # infinitely far is far
         squared = d[..., 0] * d[..., 0] + d[..., 1] * d[..., 1] + d[..., 2] * d[..., 2]
-    return np.asarray(np.nan_to_num(velocity[np.sqrt(squared).argmin(axis=1)], nan=0.0))
+    nearest = velocity[np.sqrt(squared).argmin(axis=1)]
+    return np.where(np.isnan(nearest), 0.0, nearest)

@@ -101,7 +101,7 @@ def _refuse_twins(split: Split, truth_track: Ints) -> None:
         label = pairing.truth[inside[first[count > 1]]]
         raise BadInput(
             f"segment {label.sequence[0]}, frame {label.frame[0]}: two labels have the id "
-            f"{label.object_id[0]!r}; tracking needs each id once a frame"
+            f"'{label.object_id[0]}'; tracking needs each id once a frame"
         )
 
 
