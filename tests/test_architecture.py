@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -23,7 +24,24 @@ ALLOWED = {
     "drawing": BASE | {"drawing", "geometry"},
     "datasets": BASE | {"datasets", "geometry"},
     "stages": BASE | {"algorithms", "metrics", "geometry", "stage", "inputs", "rows", "stages"},
+    "evaluation": BASE
+    | {
+        "evaluation",
+        "datasets",
+        "metrics",
+        "geometry",
+        "stage",
+        "stages",
+        "settings",
+        "tables",
+        "workspace",
+        "runner",
+    },
 }
+# Who reads labels, and who may import that: these modules themselves and evaluation.
+LABELS = re.compile(
+    rf"{PACKAGE}\.datasets\.(label_sources|\w+_labels|\w+_truth|kitti_tracklets|kitti_objects)\b"
+)
 MAY_OPEN_FILES = {"datasets", "tables", "settings", "workspace", "runner", "status", "template", "look"}
 MAY_PRINT = {"cli", "progress"}
 
@@ -103,12 +121,48 @@ def test_nothing_is_unpickled(path: Path) -> None:
     ]
 
 
+def module(path: Path) -> str:
+    """Name by which a file is imported."""
+    parts = path.relative_to(SOURCE).with_suffix("").parts
+    return ".".join([PACKAGE, *(part for part in parts if part != "__init__")])
+
+
 @pytest.mark.parametrize("path", MODULES, ids=ids)
 def test_only_evaluation_knows_labels(path: Path) -> None:
-    """No 3D human label is read outside `upvl eval`."""
-    if place(path) in {"datasets", "evaluation"}:
+    """No 3D human label can be read outside `upvl eval`: nothing else imports what reads one."""
+    if place(path) == "evaluation" or LABELS.fullmatch(module(path)):
         return
-    assert not [name for name in imports(path) if "labels" in name.split(".")[-2:][0] and "datasets" in name]
+    assert not [name for name in imports(path) if LABELS.match(name)]
+
+
+def test_the_rule_for_labels_names_every_module_that_knows_their_files() -> None:
+    readers = {path.stem for path in MODULES if LABELS.fullmatch(module(path))}
+    assert {"label_sources", "kitti_labels", "synthetic_labels"} <= readers
+    texts = {path.stem: path.read_text() for path in MODULES}
+    assert {name for name, text in texts.items() if "tracklet" in text or "object_label" in text} <= readers
+
+
+@pytest.mark.parametrize("path", MODULES, ids=ids)
+def test_no_import_escapes_these_rules(path: Path) -> None:
+    """All imports are written out: none is relative, and none is computed."""
+    tree = ast.walk(ast.parse(path.read_text()))
+    assert not [node for node in tree if isinstance(node, ast.ImportFrom) and node.level]
+    assert not calls(path) & {
+        "import_module",
+        "__import__",
+        "spec_from_file_location",
+        "run_module",
+        "run_path",
+    }
+
+
+@pytest.mark.parametrize("path", MODULES, ids=ids)
+def test_only_the_command_line_evaluates(path: Path) -> None:
+    known = [name for name in imports(path) if name.startswith(f"{PACKAGE}.evaluation")]
+    if place(path) == "plan":
+        assert all(name.startswith(f"{PACKAGE}.evaluation.params") for name in known)
+    elif place(path) not in {"cli", "evaluation"}:
+        assert not known
 
 
 @pytest.mark.parametrize("path", MODULES, ids=ids)

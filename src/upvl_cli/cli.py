@@ -233,4 +233,30 @@ def draw(
             print(path)
 
 
+@app.command("eval")
+@interruptible
+def evaluate(
+    context: typer.Context,
+    what: Annotated[str, typer.Option(help="labels, detections or tracks.")] = "labels",
+    moving_only: Annotated[bool, typer.Option("--moving-only/--all-motion", help="Which labels to ask for.")] = True,
+    class_agnostic: Annotated[
+        bool | None, typer.Option("--class-agnostic/--by-class", help="Any object is right, whatever its class.")
+    ] = None,
+    region: Annotated[str | None, typer.Option(metavar="LxW", help="Only this far around the car: 100x40 (m).")] = None,
+    iou: Annotated[list[float] | None, typer.Option(help="Least 3D IoU of a match; several: --iou 0.4 0.5.")] = None,
+    more: Annotated[list[float] | None, typer.Argument(hidden=True, metavar="IOU")] = None,
+) -> None:
+    """Score the auto labels against human labels: tables, out/eval/*.json and pictures."""
+    from rich.console import Console
+
+    from upvl_cli.evaluation import run
+
+    overrides = {"iou": [*(iou or ()), *(more or ())]} if iou or more else {}
+    report = run.evaluate(context.obj, what, moving_only, class_agnostic, region, overrides)
+    for item in run.shown(report):
+        Console(soft_wrap=isinstance(item, str)).print(item, markup=False, highlight=False)
+    for path in run.write(context.obj, report):
+        print(path)
+
+
 __all__ = ["BY_NAME", "app", "main"]

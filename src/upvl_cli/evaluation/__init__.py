@@ -1,0 +1,1 @@
+"""Scores of auto labels, tracks and flow against labels: the only place that opens labels."""

@@ -1,0 +1,127 @@
+"""Scores the motion of points where a dataset knows the true one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from upvl_cli.datasets.label_sources import TRUE_FLOW, FlowSource
+from upvl_cli.datasets.synthetic_truth import FLOW_CLASSES
+from upvl_cli.evaluation.gather import checked_table
+from upvl_cli.evaluation.params import EvalParams
+from upvl_cli.geometry.se3 import apply, inverse
+from upvl_cli.metrics.flow import FlowErrors, bucket_score, flow_buckets, flow_errors
+from upvl_cli.types import Array, ParallelArrays, array
+from upvl_cli.workspace import Workspace
+
+_DYNAMIC_M = 0.05  # an interval: where Argoverse 2 calls a point dynamic
+
+
+@dataclass(frozen=True)
+class ClassFlow:
+    """Speed-normalised score of one class; NaN where no point counts.
+
+    Attributes:
+        name: The class.
+        static_epe_m: Mean error of points slower than 0.4 m/s.
+        dynamic_error: Share of the motion that is not described; 1 for a prediction of no motion.
+    """
+
+    name: str
+    static_epe_m: float
+    dynamic_error: float
+
+
+@dataclass(frozen=True)
+class FlowScore:
+    """Errors over the points of all sweeps that have a next one.
+
+    Attributes:
+        errors: As Argoverse 2 defines them; every point weighs the same.
+        classes: Speed-normalised, by class.
+        mean_dynamic_error: Mean over classes: what methods are ranked by.
+    """
+
+    errors: FlowErrors
+    classes: tuple[ClassFlow, ...]
+    mean_dynamic_error: float
+
+
+@dataclass(frozen=True)
+class _Flow(ParallelArrays):
+    """Motion of points over the interval to the next sweep, in ego axes."""
+
+    predicted_m: Array = array("float64", 3)
+    true_m: Array = array("float64", 3)
+    true_total_m: Array = array("float64", 3)
+    flow_class: Array = array("int64")
+
+
+def flow_score(workspace: Workspace, settings: EvalParams) -> FlowScore | None:
+    """Errors of the flow of all drives; None for a dataset that does not know the truth.
+
+    Args:
+        workspace: Where.
+        settings: Which points count.
+
+    Raises:
+        NotMade: A drive has no flow, or it was made with other settings.
+    """
+    if workspace.raw.dataset not in TRUE_FLOW:
+        return None
+    source = TRUE_FLOW[workspace.raw.dataset](Path(workspace.raw.root))
+    pairs = [pair for name in workspace.segments for pair in _pairs(workspace, source, name, settings)]
+    flows = [flow for flow, _ in pairs]
+    predicted_m, true_m, total_m = (
+        np.concatenate([np.zeros((0, 3)), *(getattr(flow, name) for flow in flows)])
+        for name in ("predicted_m", "true_m", "true_total_m")
+    )
+    flow_class = np.concatenate([np.zeros(0, np.int64), *(flow.flow_class for flow in flows)])
+    errors = flow_errors(
+        predicted_m,
+        true_m,
+        true_total_m=total_m,
+        foreground=flow_class > 0,
+        dynamic=np.linalg.norm(true_m, axis=1) >= _DYNAMIC_M,
+        evaluated=flow_class >= 0,
+    )
+    nothing = _Flow(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+    buckets = [
+        flow_buckets(
+            flow.predicted_m,
+            flow.true_m,
+            group=flow.flow_class,
+            groups=len(FLOW_CLASSES),
+            interval_s=interval_s,
+        )
+        for flow, interval_s in [(nothing, 1.0), *pairs]
+    ]
+    score = bucket_score(sum(buckets[1:], buckets[0]))
+    by_class = zip(FLOW_CLASSES, score.static_epe_m.tolist(), score.dynamic_error.tolist(), strict=True)
+    return FlowScore(errors, tuple(ClassFlow(*row) for row in by_class), score.mean_dynamic_error)
+
+
+def _pairs(
+    workspace: Workspace, source: FlowSource, segment: str, settings: EvalParams
+) -> Iterator[tuple[_Flow, float]]:
+    """The points that count of each sweep with a next one, and the seconds until that."""
+    table = checked_table(workspace, "flow", segment)
+    poses = list(checked_table(workspace, "odometry", segment))
+    drive = workspace.drive(segment)
+    for pose, following in zip(poses, poses[1:], strict=False):
+        interval_s = (following.time_ns - pose.time_ns) / 1e9
+        xyz_ego_m = drive.points(pose.frame).xyz_ego_m.astype(np.float64)
+        truth = source.flow(segment, pose.frame)
+        true_m = truth.velocity_mps * interval_s
+        next_from_ego = inverse(following.world_from_ego) @ pose.world_from_ego
+        flow = _Flow(
+            predicted_m=table[pose.frame].flow_mps.astype(np.float64) * interval_s,
+            true_m=true_m,
+            true_total_m=apply(next_from_ego, xyz_ego_m + true_m) - xyz_ego_m,
+            flow_class=truth.flow_class,
+        )
+        near = (np.abs(xyz_ego_m[:, :2]) < settings.flow_reach_m).all(axis=1)
+        yield flow[near & (truth.flow_class >= 0)], interval_s

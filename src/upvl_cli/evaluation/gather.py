@@ -1,0 +1,195 @@
+"""Collects what is scored: the labels of all drives, and the boxes that a stage made of them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from upvl_cli.datasets.label_sources import LABELS, LabelledFrames
+from upvl_cli.errors import BadInput, NotMade
+from upvl_cli.evaluation.region import Region
+from upvl_cli.geometry.camera import project
+from upvl_cli.metrics.inputs import Predictions, Truth, relabelled, resolved_level
+from upvl_cli.runner import state
+from upvl_cli.stages import BY_NAME
+from upvl_cli.tables import Table
+from upvl_cli.types import Array, Bools, Camera, Floats, Ints, Labels, ParallelArrays
+from upvl_cli.workspace import Workspace
+
+STAGE = "nms"  # what labels and tracks are read from
+# Whatever road user was labelled is an object, also of an unknown kind; a sign is none.
+ANY_CLASS = {0: 1, 2: 1, 4: 1}
+
+Rows = TypeVar("Rows", bound=ParallelArrays)
+
+
+@dataclass(frozen=True)
+class Material:
+    """Labels and predictions of all drives that have labels, where objects were labelled, without classes.
+
+    Attributes:
+        labels: All labels, with their level as stored: what tracking is scored against.
+        points: (n,) LiDAR points inside each label, -1 where unknown.
+        in_view: (n,) whether a camera sees the centre of each label.
+        predictions: The boxes to score.
+        segments: The drives.
+        frames: How many frames of them are labelled.
+        left_out: Why a drive could not be scored, by its name.
+        dropped: How many labels and boxes are not counted, by reason.
+    """
+
+    labels: Truth
+    points: Ints
+    in_view: Bools
+    predictions: Predictions
+    segments: tuple[str, ...]
+    frames: int
+    left_out: Mapping[str, str]
+    dropped: Mapping[str, int]
+
+    def for_detection(self) -> tuple[Truth, Ints, Bools]:
+        """Labels, their points and view, as the official detection tool takes them.
+
+        Labels without any point are gone, and levels are resolved.
+        """
+        seen = self.points != 0
+        points, labels = self.points[seen], self.labels[seen]
+        # An unknown number of points says nothing of how hard a label is.
+        level = np.where(points < 0, labels.level, resolved_level(labels.level, points))
+        return replace(labels, level=level), points, self.in_view[seen]
+
+
+@dataclass(frozen=True)
+class _Drive:
+    """What one drive adds."""
+
+    labels: Truth
+    points: Ints
+    in_view: Bools
+    predictions: Predictions
+    frames: int
+    dropped: Counter[str]
+
+
+def gather(workspace: Workspace, *, region: Region | None) -> Material:
+    """The labels and the auto labels of all drives of a workspace that have labels.
+
+    Args:
+        workspace: Where.
+        region: Boxes whose centre lies outside do not count, on either side; None takes all.
+
+    Raises:
+        BadInput: No drive has labels, or a file of labels is damaged.
+        NotMade: A drive has no auto labels, or they were made with other settings.
+    """
+    source = LABELS[workspace.raw.dataset](Path(workspace.raw.root))
+    drives: dict[str, _Drive] = {}
+    left_out: dict[str, str] = {}
+    for segment in workspace.segments:
+        try:
+            frames = source.frames(segment)
+        except BadInput as error:
+            left_out[segment] = str(error)
+            continue
+        drives[segment] = _of_drive(workspace, source, segment, frames, region)
+    if not drives:
+        others = f" (and so {len(left_out) - 1} more drives)" if len(left_out) > 1 else ""
+        raise BadInput(next(iter(left_out.values())) + others)
+    parts = list(drives.values())
+    return Material(
+        labels=relabelled(_joined([part.labels for part in parts]), ANY_CLASS),
+        points=np.concatenate([part.points for part in parts]),
+        in_view=np.concatenate([part.in_view for part in parts]),
+        predictions=relabelled(_joined([part.predictions for part in parts]), ANY_CLASS),
+        segments=tuple(drives),
+        frames=sum(part.frames for part in parts),
+        left_out=left_out,
+        dropped=dict(sum((part.dropped for part in parts), Counter())),
+    )
+
+
+def checked_table(workspace: Workspace, stage: str, segment: str) -> Table:
+    """A shard that was made with the settings of today.
+
+    Raises:
+        NotMade: It is missing or stale.
+    """
+    condition, reason = state(workspace, BY_NAME[stage], segment)
+    path = workspace.shard(stage, segment)
+    if condition != "fresh":
+        raise NotMade(
+            f"eval needs {path}, which is {condition} ({reason}); run: upvl autolabel --moving-only"
+        )
+    return Table(path, BY_NAME[stage].row)
+
+
+def _of_drive(
+    workspace: Workspace, source: LabelledFrames, segment: str, frames: Ints, region: Region | None
+) -> _Drive:
+    table = checked_table(workspace, STAGE, segment)
+    predictions = _predictions(segment, table, frames)
+    labels = source.labels(segment)
+    truth = _truth(segment, labels)
+    dropped: Counter[str] = Counter()
+    kept = []
+    for what, boxes in (("labels", truth), ("boxes", predictions)):
+        covered = source.covers(segment, boxes.seven[:, :3])
+        inside = region.holds(boxes.seven[:, :3]) if region else np.ones(len(boxes), dtype=np.bool_)
+        dropped[f"{what} outside the labelled view"] += int((~covered).sum())
+        dropped[f"{what} outside the region"] += int((covered & ~inside).sum())
+        kept.append(covered & inside)
+    truth, predictions = truth[kept[0]], predictions[kept[1]]
+    view = _in_view(workspace.drive(segment).cameras, truth.seven[:, :3])
+    return _Drive(truth, labels.points[kept[0]], view, predictions, len(frames), dropped)
+
+
+def _truth(segment: str, labels: Labels) -> Truth:
+    return Truth(
+        sequence=np.full(len(labels), segment),
+        frame=labels.frame,
+        seven=labels.seven,
+        type=labels.type,
+        level=labels.difficulty,
+        velocity_mps=labels.velocity_mps[:, :2],
+        object_id=labels.object_id,
+    )
+
+
+def _predictions(segment: str, table: Table, frames: Ints) -> Predictions:
+    """The boxes of the labelled frames; of other frames nothing is known."""
+    rows = [table[frame] for frame in np.intersect1d(frames, table.frames).tolist()]
+    count = [len(row.seven) for row in rows]
+    empty = np.zeros((0, 7))
+
+    def column(name: str, like: Floats) -> Array:
+        return np.concatenate([like, *(getattr(row, name) for row in rows)])
+
+    return Predictions(
+        sequence=np.full(sum(count), segment),
+        frame=np.repeat([row.frame for row in rows], count),
+        seven=column("seven", empty),
+        type=np.zeros(sum(count)),
+        score=column("score", empty[:, 0]),
+        velocity_mps=column("velocity_mps", empty[:, :3])[:, :2],
+        object_id=column("track_id", empty[:, 0]).astype(np.int64),
+        unlabelled=np.zeros(sum(count)),
+    )
+
+
+def _in_view(cameras: Sequence[Camera], xyz_ego_m: Array) -> Bools:
+    seen = np.zeros(len(xyz_ego_m), dtype=np.bool_)
+    for camera in cameras:
+        seen |= project(camera, xyz_ego_m)[2]
+    return seen
+
+
+def _joined(parts: Sequence[Rows]) -> Rows:
+    """The rows of all parts, one after the other."""
+    first = parts[0]
+    names = [spec.name for spec in fields(first)]
+    return type(first)(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})

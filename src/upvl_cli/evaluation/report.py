@@ -1,0 +1,195 @@
+"""What an evaluation found: as lines and tables for the terminal, and as JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from rich.table import Table
+
+from upvl_cli.evaluation.flow_score import FlowScore
+from upvl_cli.evaluation.params import EvalParams
+from upvl_cli.evaluation.region import Region
+from upvl_cli.evaluation.score import DetectionScore, Diagnosis, TrackScore
+
+
+@dataclass(frozen=True)
+class Scope:
+    """What was scored.
+
+    Attributes:
+        what: "labels" or "tracks".
+        mode: "moving-only" or "all-motion".
+        class_assumed: Whether nobody said that classes do not matter.
+        region: The part of the ground that counts; None for all of it.
+        settings: The values it was made with.
+        segments: The drives.
+        frames: How many of their frames are labelled.
+        labels: How many labels count, of any motion.
+        without_velocity: How many of them have no velocity, and so count as standing.
+        boxes: How many boxes count.
+        left_out: Why a drive could not be scored, by its name.
+        dropped: How many labels and boxes do not count, by reason.
+    """
+
+    what: str
+    mode: str
+    class_assumed: bool
+    region: Region | None
+    settings: EvalParams
+    segments: tuple[str, ...]
+    frames: int
+    labels: int
+    without_velocity: int
+    boxes: int
+    left_out: Mapping[str, str]
+    dropped: Mapping[str, int]
+
+
+@dataclass(frozen=True)
+class Report:
+    """One evaluation.
+
+    Attributes:
+        scope: What was scored.
+        detection: Average precision; none for tracks.
+        diagnosis: Errors of the boxes; None for tracks.
+        tracking: CLEAR-MOT; none for labels.
+        flow: Errors of the flow; None for tracks, and where the truth is not known.
+    """
+
+    scope: Scope
+    detection: Sequence[DetectionScore] = ()
+    diagnosis: Diagnosis | None = None
+    tracking: Sequence[TrackScore] = ()
+    flow: FlowScore | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of the files it is written to, without suffix."""
+        return f"{self.scope.what}-{self.scope.mode}"
+
+
+def as_json(report: Report) -> str:
+    """The whole report with sorted keys; what is not a number is null."""
+    return json.dumps(_plain(asdict(report)), sort_keys=True, indent=1, allow_nan=False) + "\n"
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def shown(report: Report) -> Iterator[str | Table]:
+    """Lines and tables that tell what was scored and how good it is; an empty line before each table."""
+    yield from _scope(report.scope)
+    for table in _tables(report):
+        yield ""
+        yield table
+    yield ""
+
+
+def _tables(report: Report) -> Iterator[Table]:
+    if report.detection:
+        yield _detection(report.detection)
+    if report.diagnosis:
+        yield from _diagnosis(report.diagnosis)
+    if report.tracking:
+        yield _tracking(report.tracking)
+    if report.flow:
+        yield from _flow(report.flow)
+
+
+def _scope(scope: Scope) -> Iterator[str]:
+    if scope.class_assumed:
+        yield "auto labels have no class yet: scored whatever their class; to say so: upvl eval --class-agnostic"
+    area = scope.region
+    region = [f"{area.length_m:g} x {area.width_m:g} m around the car"] if area else []
+    yield ", ".join([scope.what, scope.mode, "class-agnostic", *region])
+    yield f"drives {len(scope.segments)}, frames {scope.frames}, labels {scope.labels}, boxes {scope.boxes}"
+    dropped = ", ".join(f"{items} {reason}" for reason, items in sorted(scope.dropped.items()) if items)
+    if dropped:
+        yield f"not counted: {dropped}"
+    if scope.without_velocity and scope.mode == "moving-only":
+        yield f"{scope.without_velocity} labels have no velocity and count as standing"
+    for segment, reason in sorted(scope.left_out.items()):
+        yield f"left out: {segment}: {reason}"
+
+
+def _detection(scores: Sequence[DetectionScore]) -> Table:
+    table = _table("", "labels", "AP L1", "AP L2", "APH L1", "APH L2", "precision", "recall")
+    table.caption = "precision and recall (level 2) at the cut-off of the best F1"
+    for score in scores:
+        values = (*score.ap, *score.aph, score.precision, score.recall)
+        name = f"AP@{score.iou:g}  {score.objects}"
+        table.add_row(name, str(score.labels[1]), *map(_number, values))
+    return table
+
+
+def _diagnosis(diagnosis: Diagnosis) -> Iterator[Table]:
+    best = diagnosis.best
+    if best:
+        counts = {"right": best.right, "misplaced": best.localisation, "on the background": best.background}
+        looked_at = sum(counts.values())
+        table = _table(f"best {looked_at} boxes at IoU {diagnosis.iou:g}", "boxes", "share")
+        for name, boxes in counts.items():
+            table.add_row(name, str(boxes), _share(boxes, looked_at))
+        yield table
+    table = _table(f"labels missed at IoU {diagnosis.iou:g}", "labels", "missed", "share")
+    for group in diagnosis.misses:
+        if group.labels:
+            name = f"{group.split}: {group.group}" if group.split != "view" else group.group
+            table.add_row(name, str(group.labels), str(group.missed), _share(group.missed, group.labels))
+    yield table
+
+
+def _tracking(scores: Sequence[TrackScore]) -> Table:
+    table = _table("", "labels", "MOTA", "MOTP", "missed", "false", "mismatched", "score from")
+    table.caption = "MOTP is the mean of 1 - IoU: lower is better"
+    for score in scores:
+        values = (score.mota, score.motp, score.miss, score.false_positive, score.mismatch)
+        cutoff = "-" if score.cutoff is None else f"{score.cutoff:.2f}"
+        name = f"IoU {score.iou:g}  L{score.level}"
+        table.add_row(name, str(score.labels), *map(_number, values), cutoff)
+    return table
+
+
+def _flow(flow: FlowScore) -> Iterator[Table]:
+    errors = flow.errors
+    table = _table("flow", "EPE (m)", "points")
+    names = ("moving objects", "standing objects", "background")
+    means = (errors.dynamic_epe_m, errors.static_epe_m, errors.background_epe_m)
+    for name, mean_m, points in zip(names, means, errors.points, strict=True):
+        table.add_row(name, _number(mean_m), str(points))
+    table.add_row("three-way mean", _number(errors.three_way_epe_m), str(sum(errors.points)))
+    yield table
+    table = _table("moving objects", "strict", "relaxed", "dynamic IoU")
+    table.add_row("accuracy", *map(_number, (errors.strict, errors.relaxed, errors.dynamic_iou)))
+    yield table
+    table = _table("speed-normalised", "static (m)", "dynamic")
+    for of in flow.classes:
+        table.add_row(of.name, _number(of.static_epe_m), _number(of.dynamic_error))
+    table.add_row("mean over classes", "", _number(flow.mean_dynamic_error))
+    yield table
+
+
+def _table(first: str, *columns: str) -> Table:
+    table = Table(box=None, pad_edge=False, caption_justify="left")
+    table.add_column(first, no_wrap=True)
+    for column in columns:
+        table.add_column(column, justify="right", no_wrap=True)
+    return table
+
+
+def _number(value: float) -> str:
+    return f"{value:.3f}" if math.isfinite(value) else "-"
+
+
+def _share(part: int, whole: int) -> str:
+    return f"{part / whole:.0%}" if whole else "-"

@@ -1,0 +1,118 @@
+"""One evaluation from the shards to the report, its JSON and its pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from upvl_cli.errors import BadSetting, NotMade
+from upvl_cli.evaluation.flow_score import flow_score
+from upvl_cli.evaluation.gather import Material, gather
+from upvl_cli.evaluation.params import EvalParams
+from upvl_cli.evaluation.plots import plots
+from upvl_cli.evaluation.region import Region
+from upvl_cli.evaluation.report import Report, Scope, as_json, shown
+from upvl_cli.evaluation.score import detection_scores, diagnosis, track_scores
+from upvl_cli.settings import load
+from upvl_cli.tables import whole
+from upvl_cli.workspace import Workspace, write_if_changed
+
+WHAT = ("labels", "detections", "tracks")
+
+
+def evaluate(
+    workspace: Workspace,
+    what: str,
+    moving_only: bool,
+    class_agnostic: bool | None,
+    region: str | None,
+    overrides: Mapping[str, Any],
+) -> Report:
+    """Score the auto labels of a workspace against its labels.
+
+    Args:
+        workspace: Where.
+        what: One of `WHAT`.
+        moving_only: Whether only labels that move are asked for.
+        class_agnostic: Whether any object is right, whatever its class; None where nothing was said.
+        region: Length x width (m) around the car, such as `100x40`; None takes all.
+        overrides: Values that replace those of `eval.toml`.
+
+    Raises:
+        BadInput: No drive has labels, or a file of labels is damaged.
+        BadSetting: There is no such thing to score, or a value is wrong.
+        NotMade: The auto labels are missing or were made with other settings.
+    """
+    if what not in WHAT:
+        raise BadSetting(f"--what {what!r}: expected one of {', '.join(WHAT)}")
+    if what == "detections":
+        raise NotMade(
+            "there are no detections: no stage trains or runs a detector yet; run: upvl eval --what labels"
+        )
+    if class_agnostic is False:
+        raise BadSetting(
+            "auto labels have no class yet, so none can be right; run: upvl eval --class-agnostic"
+        )
+    settings = load(EvalParams, workspace.stages / "eval.toml", overrides)
+    area = Region.parse(region) if region else None
+    material = gather(workspace, region=area)
+    mode = "moving-only" if moving_only else "all-motion"
+    scope = _scope(what, mode, material, settings, area, class_assumed=class_agnostic is None)
+    if what == "tracks":
+        return Report(scope, tracking=track_scores(material, settings, moving_only=moving_only))
+    return Report(
+        scope,
+        detection=detection_scores(material, settings, moving_only=moving_only),
+        diagnosis=diagnosis(material, settings, moving_only=moving_only),
+        flow=flow_score(workspace, settings),
+    )
+
+
+def write(workspace: Workspace, report: Report) -> Iterator[Path]:
+    """Write the JSON and the pictures of a report to `out/eval/`; yields the files.
+
+    Raises:
+        UpvlError: They cannot be written.
+    """
+    folder = workspace.out / "eval"
+    path = folder / f"{report.name}.json"
+    write_if_changed(path, as_json(report))
+    yield path
+    for name, figure in plots(report):
+        path = folder / f"{report.name}-{name}.png"
+        with whole(path) as file:
+            # Without the name of the library's version: the same report gives the same bytes.
+            figure.savefig(file, format="png", metadata={"Software": None})
+        yield path
+
+
+def _scope(
+    what: str,
+    mode: str,
+    material: Material,
+    settings: EvalParams,
+    region: Region | None,
+    *,
+    class_assumed: bool,
+) -> Scope:
+    unknown = np.isnan(material.labels.velocity_mps).any(axis=1)
+    return Scope(
+        what=what,
+        mode=mode,
+        class_assumed=class_assumed,
+        region=region,
+        settings=settings,
+        segments=material.segments,
+        frames=material.frames,
+        labels=len(material.labels),
+        without_velocity=int(unknown.sum()),
+        boxes=len(material.predictions),
+        left_out=material.left_out,
+        dropped=material.dropped,
+    )
+
+
+__all__ = ["WHAT", "evaluate", "shown", "write"]
