@@ -23,7 +23,7 @@ ALLOWED = {
     "metrics": BASE | {"metrics", "geometry"},
     "drawing": BASE | {"drawing", "geometry"},
     "datasets": BASE | {"datasets", "geometry"},
-    "stages": BASE | {"algorithms", "metrics", "geometry", "stage", "inputs", "rows", "stages"},
+    "stages": BASE | {"algorithms", "metrics", "geometry", "stage", "inputs", "rows", "parallel", "stages"},
     "evaluation": BASE
     | {
         "evaluation",

@@ -6,9 +6,12 @@ import json
 import multiprocessing
 import os
 import resource
+import signal
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -16,6 +19,7 @@ from typing import Any
 
 from upvl_cli.errors import BadSetting, NotMade, UpvlError
 from upvl_cli.inputs import Inputs
+from upvl_cli.parallel import THREADS_VARIABLE, threads
 from upvl_cli.settings import load
 from upvl_cli.stage import Row, Stage
 from upvl_cli.stages import BY_NAME
@@ -186,21 +190,35 @@ def run_all(
             for stage in stages:
                 yield make_shard(workspace, stage, segment, settings[stage.name], tick)
         return
-    job = partial(_run_segment, workspace.stages, workspace.out, [stage.name for stage in stages], settings)
+    names = [stage.name for stage in stages]
+    job = partial(_run_segment, workspace.stages, workspace.out, names, settings, max(1, threads() // workers))
     # Spawned, not forked: threads of numerical libraries do not survive a fork.
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _quiet_worker) as pool:
         try:
             for done in as_completed([pool.submit(job, segment) for segment in segments]):
                 yield from done.result()
+        except BrokenProcessPool as error:
+            raise UpvlError(
+                "a worker process was killed, perhaps for want of memory; what was finished is kept: run again "
+                "with fewer --workers"
+            ) from error
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
+            for worker in multiprocessing.active_children():
+                worker.terminate()
             raise
 
 
+def _quiet_worker() -> None:
+    """Let the parent alone answer Ctrl-C, and clean up when it sends the end."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+
+
 def _run_segment(
-    stages: Path, out: Path, names: list[str], settings: dict[str, Any], segment: str
+    stages: Path, out: Path, names: list[str], settings: dict[str, Any], cores: int, segment: str
 ) -> list[Made]:
-    os.environ.setdefault("OMP_NUM_THREADS", "1")  # the processes are the parallelism
+    os.environ[THREADS_VARIABLE] = str(cores)
     workspace = Workspace(stages, out)
     return [make_shard(workspace, BY_NAME[name], segment, settings[name], _no_tick) for name in names]
 

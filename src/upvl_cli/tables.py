@@ -6,6 +6,7 @@ import contextlib
 import fcntl
 import json
 import os
+import threading
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -147,6 +148,7 @@ class Table:
             raise NotMade(f"{path} has no column {', '.join(missing)}: delete it and make it again")
         frames = self._file.read(columns=["frame"]).column("frame").to_pylist()
         self._group_of = {frame: group for group, frame in enumerate(frames)}
+        self._lock = threading.Lock()  # a Parquet file has one reading position
 
     @property
     def frames(self) -> tuple[int, ...]:
@@ -161,7 +163,8 @@ class Table:
 
     def __getitem__(self, frame: int) -> Any:
         names = [spec.name for spec in fields(self._row)]
-        group = self._file.read_row_group(self._group_of[frame], columns=names, use_threads=False)
+        with self._lock:
+            group = self._file.read_row_group(self._group_of[frame], columns=names, use_threads=False)
         return self._row(
             **{name: _unpack(group.column(name), spec) for name, spec in columns_of(self._row).items()}
         )

@@ -10,7 +10,7 @@ from upvl_cli.stage import Row, Stage, column, param
 
 if TYPE_CHECKING:
     from upvl_cli.inputs import Inputs
-    from upvl_cli.types import Array
+    from upvl_cli.types import Array, Frame
 
 
 @dataclass(frozen=True)
@@ -34,19 +34,24 @@ class GroundRow(Row):
 def run(inputs: Inputs, params: GroundParams) -> Iterator[GroundRow]:
     """Find the ground below every sweep, and how high above it each point is."""
     from upvl_cli.algorithms.ground import height_above_ground
+    from upvl_cli.parallel import in_order
 
-    for frame in inputs.drive.frames:
-        height_m = height_above_ground(
-            inputs.drive.points(frame.index).xyz_ego_m,
-            start_z_m=inputs.drive.ground_z_m,
+    drive = inputs.drive
+
+    def height_m(frame: Frame) -> Array:
+        return height_above_ground(
+            drive.points(frame.index).xyz_ego_m,
+            start_z_m=drive.ground_z_m,
             cell_m=params.cell_m,
             max_slope=params.max_slope,
             tolerance_m=params.tolerance_m,
         )
-        is_ground = height_m <= params.max_height_m
+
+    for frame, heights_m in zip(drive.frames, in_order(height_m, drive.frames), strict=True):
+        is_ground = heights_m <= params.max_height_m
         inputs.count("ground points", is_ground.sum())
         inputs.count("points above ground", (~is_ground).sum())
-        yield GroundRow(inputs.segment, frame.index, height_m, is_ground)
+        yield GroundRow(inputs.segment, frame.index, heights_m, is_ground)
 
 
 STAGE = Stage(name="ground", run=run, params=GroundParams, row=GroundRow, reads=("raw",))

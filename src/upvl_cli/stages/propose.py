@@ -49,33 +49,34 @@ def run(inputs: Inputs, params: ProposeParams) -> Iterator[ProposeRow]:
 
     import numpy as np
 
-    from upvl_cli.algorithms.proposals import NOISE, propose
+    from upvl_cli.algorithms.clustering import NOISE
+    from upvl_cli.algorithms.proposals import Proposals, propose
+    from upvl_cli.parallel import in_order
 
-    grounds, masks = inputs.table("ground"), inputs.table("mask")
-    for flow in inputs.table("flow"):
-        ground, mask = grounds[flow.frame], masks[flow.frame]
+    drive, settings = inputs.drive, asdict(params)
+    flows, grounds, masks = (inputs.table(name) for name in ("flow", "ground", "mask"))
+
+    def found(frame: int) -> tuple[Proposals, Array]:
+        """The boxes of a frame, and which of its points belong to them."""
+        flow, ground, mask = flows[frame], grounds[frame], masks[frame]
         above = np.flatnonzero(~ground.is_ground)
-        found = propose(
-            inputs.drive.points(flow.frame).xyz_ego_m[above].astype(np.float64),
+        boxes = propose(
+            drive.points(frame).xyz_ego_m[above].astype(np.float64),
             flow.flow_mps[above].astype(np.float64),
             mask.is_moving[above],
             mask.background[above] == 1,
             ground.height_m[above].astype(np.float64),
-            **asdict(params),
+            **settings,
         )
         box_of_point = np.full(len(mask.is_moving), NOISE)
-        box_of_point[above] = found.of_point
-        inputs.count("boxes kept", len(found.seven))
-        for reason, items in found.dropped.items():
+        box_of_point[above] = boxes.of_point
+        return boxes, box_of_point
+
+    for frame, (boxes, box_of_point) in zip(flows.frames, in_order(found, flows.frames), strict=True):
+        inputs.count("boxes kept", len(boxes.seven))
+        for reason, items in boxes.dropped.items():
             inputs.count(reason, items)
-        yield ProposeRow(
-            inputs.segment,
-            flow.frame,
-            seven=found.seven,
-            velocity_mps=found.velocity_mps,
-            points=found.points,
-            box_of_point=box_of_point,
-        )
+        yield ProposeRow(inputs.segment, frame, boxes.seven, boxes.velocity_mps, boxes.points, box_of_point)
 
 
 STAGE = Stage(
