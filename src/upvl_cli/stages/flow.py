@@ -17,7 +17,12 @@ if TYPE_CHECKING:
 class FlowParams:
     """Settings of `flow`."""
 
-    max_speed_mps: float = param("a faster point is noise", "m/s", above=0, most=80)
+    max_speed_mps: float = param("a faster component is noise", "m/s", above=0, most=80)
+    eps_m: float = param("points closer than this are one component", "m", above=0)
+    min_points: int = param("points that make a neighbourhood dense", least=1)
+    voxel_m: float = param("points closer than this count as one place", "m", above=0)
+    still_m: float = param("a component this close to the next sweep, on average, stands still", "m", least=0)
+    min_gain: float = param("motion must lower that distance by this share", least=0, most=1)
 
 
 @dataclass(frozen=True)
@@ -27,35 +32,65 @@ class FlowRow(Row):
     flow_mps: Array = column("float16", "velocity over the ground", "m/s", "ego", per="point", shape=(3,))
 
 
+@dataclass(frozen=True)
+class SweepPair:
+    """A sweep, which of its points stand above the ground, and those of another in its ego axes."""
+
+    xyz_ego_m: Array
+    is_above: Array
+    other_xyz_ego_m: Array
+    dt_s: float
+
+
 def run(inputs: Inputs, params: FlowParams) -> Iterator[FlowRow]:
     """Estimate the motion of every LiDAR point relative to the ground."""
+    from dataclasses import asdict
+
     import numpy as np
 
     from upvl_cli.algorithms.flow import estimate
+    from upvl_cli.parallel import in_order
+
+    settings = asdict(params)
+
+    def flow_mps(pair: SweepPair) -> Array:
+        """The flow of a sweep; the ground, and a sweep all alone, have none."""
+        flow = np.zeros((len(pair.xyz_ego_m), 3))
+        if pair.dt_s:
+            source = pair.xyz_ego_m[pair.is_above].astype(np.float64)
+            flow[pair.is_above] = estimate(source, pair.other_xyz_ego_m, pair.dt_s, **settings)
+        return flow
+
+    frames = inputs.table("odometry").frames
+    for frame, flow in zip(frames, in_order(flow_mps, _pairs(inputs)), strict=True):
+        yield FlowRow(inputs.segment, frame, flow)
+
+
+def _pairs(inputs: Inputs) -> Iterator[SweepPair]:
+    """Each sweep with the next one; the last with the one before, so that its motion is that way back, turned."""
     from upvl_cli.geometry.se3 import apply, inverse
 
-    poses = list(inputs.table("odometry"))
-    ground = inputs.table("ground")
+    poses, ground = list(inputs.table("odometry")), inputs.table("ground")
 
-    def above(step: int) -> tuple[Array, Array]:
-        """Sweep of a step and which of its points stand above the ground."""
+    def sweep(step: int) -> tuple[Array, Array]:
         frame = poses[step].frame
         return inputs.drive.points(frame).xyz_ego_m, ~ground[frame].is_ground
 
-    xyz, keep = above(0) if poses else (np.zeros((0, 3)), np.zeros(0, bool))
-    before = (xyz, keep)
+    here = sweep(0) if poses else None
+    before = here
     for step, pose in enumerate(poses):
-        # The last sweep has no next one: its motion is the way back to the one before, turned round.
-        other = step + 1 if step + 1 < len(poses) else step - 1
-        flow = np.zeros((len(xyz), 3))
-        after = above(other) if other == step + 1 else before
-        if other >= 0:
-            ego_from_other = inverse(pose.world_from_ego) @ poses[other].world_from_ego
-            dt_s = (poses[other].time_ns - pose.time_ns) * 1e-9
-            target = apply(ego_from_other, after[0][after[1]])
-            flow[keep] = estimate(xyz[keep].astype(np.float64), target, dt_s, **vars(params))
-        yield FlowRow(inputs.segment, pose.frame, flow)
-        before, (xyz, keep) = (xyz, keep), after
+        last = step + 1 == len(poses)
+        other = max(step - 1, 0) if last else step + 1
+        after = before if last else sweep(other)
+        (xyz_ego_m, is_above), (other_xyz_m, other_is_above) = here, after
+        ego_from_other = inverse(pose.world_from_ego) @ poses[other].world_from_ego
+        yield SweepPair(
+            xyz_ego_m,
+            is_above,
+            apply(ego_from_other, other_xyz_m[other_is_above]),
+            (poses[other].time_ns - pose.time_ns) * 1e-9,
+        )
+        before, here = here, after
 
 
 STAGE = Stage(name="flow", run=run, params=FlowParams, row=FlowRow, reads=("raw", "odometry", "ground"))
