@@ -12,7 +12,6 @@ from upvl_cli.errors import BadSetting, NotMade
 from upvl_cli.evaluation.flow_score import flow_score
 from upvl_cli.evaluation.gather import Material, gather
 from upvl_cli.evaluation.params import EvalParams
-from upvl_cli.evaluation.plots import plots
 from upvl_cli.evaluation.region import Region
 from upvl_cli.evaluation.report import Report, Scope, as_json, shown
 from upvl_cli.evaluation.score import detection_scores, diagnosis, track_scores
@@ -77,6 +76,8 @@ def write(workspace: Workspace, report: Report) -> Iterator[Path]:
     Raises:
         UpvlError: They cannot be written.
     """
+    from upvl_cli.evaluation.plots import plots  # it loads the drawing library, which only this needs
+
     folder = workspace.out / "eval"
     path = folder / f"{report.name}.json"
     write_if_changed(path, as_json(report))

@@ -1,0 +1,71 @@
+"""The score of flow against the exact one of the built-in street."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scored_world import SETTINGS
+
+from command import make_workspace
+from upvl_cli.datasets.synthetic import Synthetic
+from upvl_cli.evaluation.flow_score import FlowScore, flow_score
+from upvl_cli.runner import make_shard
+from upvl_cli.stages import BY_NAME
+from upvl_cli.tables import write
+from upvl_cli.workspace import Workspace
+
+SEGMENT = "street-0"
+
+
+@pytest.fixture(scope="module")
+def true_mps() -> dict[int, np.ndarray]:
+    """The true motion of the points of each frame."""
+    drive = Synthetic().open(SEGMENT)
+    return {frame.index: drive.truth(frame.index).velocity_mps for frame in drive.frames}
+
+
+def scored(folder: Path, flow_mps: Mapping[int, np.ndarray]) -> FlowScore:
+    """The score of a flow, by frame."""
+    workspace = Workspace(folder / "stages", folder / "out")
+    odometry, flow = BY_NAME["odometry"], BY_NAME["flow"]
+    make_shard(workspace, odometry, SEGMENT, workspace.settings(odometry), lambda: None)
+    rows = [flow.row(SEGMENT, frame, values) for frame, values in flow_mps.items()]
+    stamp = workspace.shard_stamp(flow, SEGMENT)
+    write(workspace.shard("flow", SEGMENT), flow.row, rows, stamp=stamp, counts={})
+    score = flow_score(workspace, SETTINGS)
+    assert score is not None
+    return score
+
+
+def test_the_true_flow_has_no_error(tmp_path: Path, true_mps: dict[int, np.ndarray]) -> None:
+    score = scored(make_workspace(tmp_path), true_mps)
+    # Flow is stored with 11 bits: at 12 m/s to 0.004 m/s, which is 0.4 mm in 0.1 s.
+    assert score.errors.three_way_epe_m < 5e-4
+    assert score.errors.relaxed == 1.0
+    assert score.errors.dynamic_iou > 0.99
+    assert score.mean_dynamic_error < 0.01
+    assert all(points > 1000 for points in score.errors.points)
+
+
+def test_half_the_flow_is_half_wrong(tmp_path: Path, true_mps: dict[int, np.ndarray]) -> None:
+    score = scored(make_workspace(tmp_path), {frame: values / 2 for frame, values in true_mps.items()})
+    assert score.mean_dynamic_error == pytest.approx(0.5, abs=0.01)
+    assert score.errors.strict < 0.05  # of slow walkers: half of 0.1 m is within 5 cm
+    assert [of.name for of in score.classes] == [
+        "background",
+        "car",
+        "other vehicles",
+        "pedestrian",
+        "wheeled VRU",
+    ]
+    moving = [of.dynamic_error for of in score.classes if np.isfinite(of.dynamic_error)]
+    assert moving == pytest.approx([0.5] * len(moving), abs=0.02)
+    assert score.errors.static_epe_m < 0.02
+
+
+def test_a_dataset_that_does_not_know_has_no_score(tmp_path: Path) -> None:
+    folder = make_workspace(tmp_path, raw__dataset='"kitti"')
+    assert flow_score(Workspace(folder / "stages", folder / "out"), SETTINGS) is None
