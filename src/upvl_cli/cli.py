@@ -251,7 +251,7 @@ def evaluate(
 
     from upvl_cli.evaluation import run
 
-    overrides = {"iou": [*(iou or ()), *(more or ())]} if iou or more else {}
+    overrides = {"iou": sorted({*(iou or ()), *(more or ())})} if iou or more else {}
     report = run.evaluate(context.obj, what, moving_only, class_agnostic, region, overrides)
     for item in run.shown(report):
         Console(soft_wrap=isinstance(item, str)).print(item, markup=False, highlight=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from upvl_cli.evaluation.params import EvalParams
 from upvl_cli.settings import load
 from upvl_cli.stage import Stage, columns_of, params_of
 from upvl_cli.stages import STAGES
@@ -71,6 +72,7 @@ def page(stages: Sequence[Stage], folder: Path) -> str:
             )
             lines.append(f"| `{name}` | {spec.type}{shape} | {spec.per or 'frame'} | {meaning} |")
         lines.append("")
+    lines += _section("eval", "Scores labels, tracks and flow where the truth is known.", (), EvalParams, folder)
     return "\n".join(lines)
 
 

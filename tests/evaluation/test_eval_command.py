@@ -148,7 +148,7 @@ def test_tracks_are_scored(workspace: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "arguments", [("--iou", "0.3", "--iou", "0.7"), ("--iou=0.3", "--all-motion", "0.7")]
+    "arguments", [("--iou", "0.3", "--iou", "0.7"), ("--iou=0.7", "--all-motion", "0.3")]
 )
 def test_several_ious(workspace: Path, arguments: tuple[str, ...]) -> None:
     text = printed(workspace, *arguments)
@@ -178,6 +178,7 @@ def test_a_region_cuts_both_sides(workspace: Path) -> None:
         ({"region": "40"}, "--region '40': expected length x width in metres around the car, such as 100x40"),
         ({"iou": [0.0]}, "iou[0] = 0.0 must be > 0 and <= 1"),
         ({"iou": [float("nan")]}, "iou[0] = nan must be > 0 and <= 1"),
+        ({"iou": [0.5, 0.4]}, "eval: iou = [0.5, 0.4] must be ascending numbers, and at least one"),
     ],
 )
 def test_what_cannot_be_scored_is_told(workspace: Path, options: dict[str, Any], message: str) -> None:
@@ -188,6 +189,11 @@ def test_what_cannot_be_scored_is_told(workspace: Path, options: dict[str, Any],
             Workspace(workspace / "stages", workspace / "out"),
             options.get("what", "labels"), True, agnostic, region, overrides,
         )  # fmt: skip
+
+
+def test_edges_that_are_none(workspace: Path) -> None:
+    set_value(workspace, "eval", "range_edges_m", "[]")
+    assert "eval: range_edges_m = [] must be ascending numbers, and at least one" in refused(workspace)
 
 
 def test_a_drive_without_labels(drive: TinyDrive, workspace: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from upvl_cli.errors import BadSetting
 from upvl_cli.stage import param
 
 
@@ -21,4 +22,12 @@ class EvalParams:
     range_edges_m: tuple[float, ...] = param("labels are split by range at these", "m", above=0)
     speed_edges_mps: tuple[float, ...] = param("and by speed at these", "m/s", above=0)
     point_edges: tuple[int, ...] = param("and by number of LiDAR points at these", least=1)
-    flow_reach_m: float = param("flow is scored where |x| and |y| are less", "m", above=0)
+    flow_reach_m: float = param(
+        "flow is scored in a square around the car, with this half side", "m", above=0
+    )
+
+    def __post_init__(self) -> None:
+        for name in ("iou", "range_edges_m", "speed_edges_mps", "point_edges"):
+            values = getattr(self, name)
+            if not values or list(values) != sorted(set(values)):
+                raise BadSetting(f"eval: {name} = {list(values)} must be ascending numbers, and at least one")
