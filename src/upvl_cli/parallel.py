@@ -16,7 +16,10 @@ THREADS_VARIABLE = "UPVL_THREADS"
 
 def threads() -> int:
     """How many threads a stage may use: all cores, or what `UPVL_THREADS` says."""
-    return int(os.environ.get(THREADS_VARIABLE, "0")) or len(os.sched_getaffinity(0))
+    asked = int(os.environ.get(THREADS_VARIABLE, "0"))
+    # Not every system can say which cores a process may use.
+    allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return asked or allowed or 1
 
 
 def in_order(function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:

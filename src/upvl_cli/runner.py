@@ -115,8 +115,9 @@ def make_shard(workspace: Workspace, stage: Stage, segment: str, settings: Any, 
         stamp=workspace.shard_stamp(stage, segment, settings),
         counts=inputs.counts,
     )
-    # Linux counts kibibytes. It is the process's peak so far: alone in its process, the stage's own.
-    peak_mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    # The process's peak so far: alone in its process, the stage's own. macOS counts bytes, others kibibytes.
+    unit = 2**20 if sys.platform == "darwin" else 2**10
+    peak_mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
     made = Made(
         stage.name, segment, False, rows, dict(inputs.counts), time.perf_counter() - started, peak_mib
     )
