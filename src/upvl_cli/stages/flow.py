@@ -21,8 +21,10 @@ class FlowParams:
     eps_m: float = param("points closer than this are one component", "m", above=0)
     min_points: int = param("points that make a neighbourhood dense", least=1)
     voxel_m: float = param("points closer than this count as one place", "m", above=0)
-    still_m: float = param("a component this close to the next sweep, on average, stands still", "m", least=0)
-    min_gain: float = param("motion must lower that distance by this share", least=0, most=1)
+    still_misfit: float = param(
+        "a component this close to the next sweep, in spacings, stands still", least=0
+    )
+    min_gain: float = param("motion must lower that misfit by this share", least=0, most=1)
 
 
 @dataclass(frozen=True)
@@ -76,8 +78,9 @@ def _pairs(inputs: Inputs) -> Iterator[SweepPair]:
         frame = poses[step].frame
         return inputs.drive.points(frame).xyz_ego_m, ~ground[frame].is_ground
 
-    here = sweep(0) if poses else None
-    before = here
+    if not poses:
+        return
+    before = here = sweep(0)
     for step, pose in enumerate(poses):
         last = step + 1 == len(poses)
         other = max(step - 1, 0) if last else step + 1
