@@ -153,7 +153,7 @@ def main() -> int:
             [upvl, "autolabel", "--moving-only"], cwd=folder, check=True, stdout=subprocess.DEVNULL
         )
         settings = load(EvalParams, folder / "stages" / "eval.toml")
-        in_view = gather(Workspace(folder / "stages", folder / "out"), region=None)
+        in_view = gather(Workspace(folder / "stages", folder / "out"), "nms", region=None).without_classes()
     close = near(in_view)
     print_scores("front view", in_view, settings)
     print_scores(f"front view, up to {FAR_M:g} m", close, settings)

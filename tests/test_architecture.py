@@ -36,13 +36,24 @@ ALLOWED = {
         "tables",
         "workspace",
         "runner",
+        "sweep",
     },
 }
 # Who reads labels, and who may import that: these modules themselves and evaluation.
 LABELS = re.compile(
     rf"{PACKAGE}\.datasets\.(label_sources|\w+_labels|\w+_truth|kitti_tracklets|kitti_objects)\b"
 )
-MAY_OPEN_FILES = {"datasets", "tables", "settings", "workspace", "runner", "status", "template", "look"}
+MAY_OPEN_FILES = {
+    "datasets",
+    "tables",
+    "settings",
+    "workspace",
+    "runner",
+    "status",
+    "template",
+    "look",
+    "sweep",
+}
 MAY_PRINT = {"cli", "progress"}
 
 

@@ -259,4 +259,21 @@ def evaluate(
         print(path)
 
 
+@app.command()
+@interruptible
+def tables(context: typer.Context) -> None:
+    """Fill the paper's tables on the drives of this workspace, beside the published figures."""
+    from rich.console import Console
+
+    from upvl_cli.evaluation import paper_tables
+    from upvl_cli.progress import Progress
+
+    shards = len(STAGES) * len(context.obj.segments) * len(paper_tables.presets(context.obj))
+    with Progress(shards) as progress:
+        filled = list(paper_tables.fill(context.obj, progress))
+    for table, rows in filled:
+        Console().print(paper_tables.shown(table, rows), "", highlight=False)
+    print(paper_tables.write(context.obj, filled))
+
+
 __all__ = ["BY_NAME", "app", "main"]

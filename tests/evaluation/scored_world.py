@@ -66,6 +66,7 @@ def material(
         points=np.full(n, 100) if points is None else np.array(points),
         in_view=np.ones(n, dtype=bool) if in_view is None else np.array(in_view),
         predictions=predictions,
+        has_class=False,
         segments=("drive",),
         frames=1,
         left_out={},

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -16,27 +16,30 @@ from upvl_cli.evaluation.region import Region
 from upvl_cli.geometry.camera import project
 from upvl_cli.metrics.inputs import Predictions, Truth, relabelled, resolved_level
 from upvl_cli.runner import state
+from upvl_cli.stage import columns_of
 from upvl_cli.stages import BY_NAME
 from upvl_cli.tables import Table
 from upvl_cli.types import Array, Bools, Camera, Floats, Ints, Labels, ParallelArrays
 from upvl_cli.workspace import Workspace
 
-STAGE = "nms"  # what labels and tracks are read from
 # Whatever road user was labelled is an object, also of an unknown kind; a sign is none.
 ANY_CLASS = {0: 1, 2: 1, 4: 1}
+
+CLASS = "type"  # the column of a stage's rows that has Waymo's number of each box, if it has one
 
 Rows = TypeVar("Rows", bound=ParallelArrays)
 
 
 @dataclass(frozen=True)
 class Material:
-    """Labels and predictions of all drives that have labels, where objects were labelled, without classes.
+    """Labels and predictions of all drives that have labels, where objects were labelled.
 
     Attributes:
         labels: All labels, with their level as stored: what tracking is scored against.
         points: (n,) LiDAR points inside each label, -1 where unknown.
         in_view: (n,) whether a camera sees the centre of each label.
         predictions: The boxes to score.
+        has_class: Whether the boxes have a type; without it all of them are of type 0.
         segments: The drives.
         frames: How many frames of them are labelled.
         left_out: Why a drive could not be scored, by its name.
@@ -47,10 +50,16 @@ class Material:
     points: Ints
     in_view: Bools
     predictions: Predictions
+    has_class: bool
     segments: tuple[str, ...]
     frames: int
     left_out: Mapping[str, str]
     dropped: Mapping[str, int]
+
+    def without_classes(self) -> Material:
+        """The same, with every road user and every box of one type: an object."""
+        labels, boxes = relabelled(self.labels, ANY_CLASS), relabelled(self.predictions, ANY_CLASS)
+        return replace(self, labels=labels, predictions=boxes)
 
     def for_detection(self) -> tuple[Truth, Ints, Bools]:
         """Labels, their points and view, as the official detection tool takes them.
@@ -76,41 +85,52 @@ class _Drive:
     dropped: Counter[str]
 
 
-def gather(workspace: Workspace, *, region: Region | None) -> Material:
-    """The labels and the auto labels of all drives of a workspace that have labels.
+def gather(workspace: Workspace, stage: str, *, region: Region | None) -> Material:
+    """The labels and the boxes of all drives of a workspace that have labels.
 
     Args:
         workspace: Where.
+        stage: The stage that made the boxes.
         region: Boxes whose centre lies outside do not count, on either side; None takes all.
 
     Raises:
         BadInput: No drive has labels, or a file of labels is damaged.
-        NotMade: A drive has no auto labels, or they were made with other settings.
+        NotMade: A drive has no such boxes, or they were made with other settings.
     """
-    source = LABELS[workspace.raw.dataset](Path(workspace.raw.root))
-    drives: dict[str, _Drive] = {}
-    left_out: dict[str, str] = {}
-    for segment in workspace.segments:
-        try:
-            frames = source.frames(segment)
-        except BadInput as error:
-            left_out[segment] = str(error)
-            continue
-        drives[segment] = _of_drive(workspace, source, segment, frames, region)
-    if not drives:
-        others = f" (and so {len(left_out) - 1} more drives)" if len(left_out) > 1 else ""
-        raise BadInput(next(iter(left_out.values())) + others)
+    source, frames, left_out = labelled(workspace)
+    drives = {name: _of_drive(workspace, stage, source, name, frames[name], region) for name in frames}
     parts = list(drives.values())
     return Material(
-        labels=relabelled(_joined([part.labels for part in parts]), ANY_CLASS),
+        labels=_joined([part.labels for part in parts]),
         points=np.concatenate([part.points for part in parts]),
         in_view=np.concatenate([part.in_view for part in parts]),
-        predictions=relabelled(_joined([part.predictions for part in parts]), ANY_CLASS),
+        predictions=_joined([part.predictions for part in parts]),
+        has_class=CLASS in columns_of(BY_NAME[stage].row),
         segments=tuple(drives),
         frames=sum(part.frames for part in parts),
         left_out=left_out,
         dropped=dict(sum((part.dropped for part in parts), Counter())),
     )
+
+
+def labelled(workspace: Workspace) -> tuple[LabelledFrames, dict[str, Ints], dict[str, str]]:
+    """The labels of a workspace, the labelled frames of each drive that has some, and why others have none.
+
+    Raises:
+        BadInput: No drive has labels.
+    """
+    source = LABELS[workspace.raw.dataset](Path(workspace.raw.root))
+    frames: dict[str, Ints] = {}
+    left_out: dict[str, str] = {}
+    for segment in workspace.segments:
+        try:
+            frames[segment] = source.frames(segment)
+        except BadInput as error:
+            left_out[segment] = str(error)
+    if not frames:
+        others = f" (and so {len(left_out) - 1} more drives)" if len(left_out) > 1 else ""
+        raise BadInput(next(iter(left_out.values())) + others)
+    return source, frames, left_out
 
 
 def checked_table(workspace: Workspace, stage: str, segment: str) -> Table:
@@ -129,10 +149,16 @@ def checked_table(workspace: Workspace, stage: str, segment: str) -> Table:
 
 
 def _of_drive(
-    workspace: Workspace, source: LabelledFrames, segment: str, frames: Ints, region: Region | None
+    workspace: Workspace,
+    stage: str,
+    source: LabelledFrames,
+    segment: str,
+    frames: Ints,
+    region: Region | None,
 ) -> _Drive:
-    table = checked_table(workspace, STAGE, segment)
-    predictions = _predictions(segment, table, frames)
+    rows = checked_table(workspace, stage, segment)
+    has_class = CLASS in columns_of(BY_NAME[stage].row)
+    predictions = _predictions(segment, [rows[frame] for frame in rows.frames if frame in frames], has_class)
     labels = source.labels(segment)
     truth = _truth(segment, labels)
     dropped: Counter[str] = Counter()
@@ -160,9 +186,8 @@ def _truth(segment: str, labels: Labels) -> Truth:
     )
 
 
-def _predictions(segment: str, table: Table, frames: Ints) -> Predictions:
+def _predictions(segment: str, rows: Sequence[Any], has_class: bool) -> Predictions:
     """The boxes of the labelled frames; of other frames nothing is known."""
-    rows = [table[frame] for frame in np.intersect1d(frames, table.frames).tolist()]
     count = [len(row.seven) for row in rows]
     empty = np.zeros((0, 7))
 
@@ -173,7 +198,7 @@ def _predictions(segment: str, table: Table, frames: Ints) -> Predictions:
         sequence=np.full(sum(count), segment),
         frame=np.repeat([row.frame for row in rows], count),
         seven=column("seven", empty),
-        type=np.zeros(sum(count)),
+        type=column(CLASS, empty[:, 0]) if has_class else np.zeros(sum(count)),
         score=column("score", empty[:, 0]),
         velocity_mps=column("velocity_mps", empty[:, :3])[:, :2],
         object_id=column("track_id", empty[:, 0]).astype(np.int64),

@@ -16,10 +16,11 @@ from upvl_cli.evaluation.region import Region
 from upvl_cli.evaluation.report import Report, Scope, as_json, shown
 from upvl_cli.evaluation.score import detection_scores, diagnosis, track_scores
 from upvl_cli.settings import load
+from upvl_cli.stages import BY_NAME
 from upvl_cli.tables import whole
 from upvl_cli.workspace import Workspace, write_if_changed
 
-WHAT = ("labels", "detections", "tracks")
+STAGE_OF = {"labels": "nms", "detections": "detect", "tracks": "nms"}
 
 
 def evaluate(
@@ -34,7 +35,7 @@ def evaluate(
 
     Args:
         workspace: Where.
-        what: One of `WHAT`.
+        what: A key of `STAGE_OF`.
         moving_only: Whether only labels that move are asked for.
         class_agnostic: Whether any object is right, whatever its class; None where nothing was said.
         region: Length x width (m) around the car, such as `100x40`; None takes all.
@@ -45,9 +46,9 @@ def evaluate(
         BadSetting: There is no such thing to score, or a value is wrong.
         NotMade: The auto labels are missing or were made with other settings.
     """
-    if what not in WHAT:
-        raise BadSetting(f"--what {what!r}: expected one of {', '.join(WHAT)}")
-    if what == "detections":
+    if what not in STAGE_OF:
+        raise BadSetting(f"--what {what!r}: expected one of {', '.join(STAGE_OF)}")
+    if STAGE_OF[what] not in BY_NAME:
         raise NotMade(
             "there are no detections: no stage trains or runs a detector yet; run: upvl eval --what labels"
         )
@@ -57,7 +58,7 @@ def evaluate(
         )
     settings = load(EvalParams, workspace.stages / "eval.toml", overrides)
     area = Region.parse(region) if region else None
-    material = gather(workspace, region=area)
+    material = gather(workspace, STAGE_OF[what], region=area).without_classes()
     mode = "moving-only" if moving_only else "all-motion"
     scope = _scope(what, mode, material, settings, area, class_assumed=class_agnostic is None)
     if what == "tracks":
@@ -116,4 +117,4 @@ def _scope(
     )
 
 
-__all__ = ["WHAT", "evaluate", "shown", "write"]
+__all__ = ["STAGE_OF", "evaluate", "shown", "write"]

@@ -12,12 +12,13 @@ from upvl_cli.evaluation.params import EvalParams
 from upvl_cli.metrics.breakdown import OBJECT_TYPE, Breakdown, moving
 from upvl_cli.metrics.detection import DetectionResult, detection, match_boxes
 from upvl_cli.metrics.errors import Misses, Outcome, TopOutcomes, misses, outcomes, top_outcomes
-from upvl_cli.metrics.inputs import Predictions, Truth, speed_mps
+from upvl_cli.metrics.inputs import Predictions, Truth, relabelled, speed_mps
 from upvl_cli.metrics.official import LEVELS, SCORE_CUTOFFS, TYPES
 from upvl_cli.metrics.tracking import TrackingResult, tracking
 from upvl_cli.types import Bools, Floats, Ints
 
 _OBJECT, _OTHER = 1, 2  # types that stand for "an object" and, in the split of errors, "a standing one"
+VRU = {4: 2}  # riders count as walkers
 _NEAR_IOU = 0.01  # Waymo's: a false box this close to a label of another speed is that speed's
 
 
@@ -103,6 +104,27 @@ def detection_scores(material: Material, settings: EvalParams, *, moving_only: b
             results = _scored(truth[labels], predictions[boxes], iou, breakdown)
             scores.append(_score(iou, name, _count(truth[labels], breakdown), results))
     return scores
+
+
+def named_scores(material: Material, *, iou: float, moving_mps: float | None) -> tuple[float, float, float]:
+    """Average precision (level 2) of vehicles, of walkers and riders together (VRU), and the mean of both.
+
+    Args:
+        material: What is scored, with classes.
+        iou: Least 3D IoU of a match.
+        moving_mps: Only labels at least this fast are asked for; None takes all.
+    """
+    truth, predictions = relabelled(material.for_detection()[0], VRU), relabelled(material.predictions, VRU)
+    results = detection(
+        truth,
+        predictions,
+        iou_thresholds=(iou,) * len(TYPES),
+        breakdowns=[OBJECT_TYPE if moving_mps is None else moving(min_speed_mps=moving_mps)],
+        score_cutoffs=SCORE_CUTOFFS,
+        matcher="hungarian",
+    )
+    vehicles, vru = (results[len(LEVELS) * kind - 1].ap for kind in (1, 2))
+    return vehicles, vru, (vehicles + vru) / 2
 
 
 def track_scores(material: Material, settings: EvalParams, *, moving_only: bool) -> list[TrackScore]:

@@ -1,0 +1,100 @@
+"""The paper's tables: every row is told of, and those that can be made are filled."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scored_world import material
+
+from command import ROOT, fails, make_workspace, upvl
+from tiny_kitti import write_drive
+from upvl_cli.evaluation.paper import COLUMNS, TABLES, PaperRow
+from upvl_cli.evaluation.paper_tables import missing, presets
+from upvl_cli.evaluation.score import named_scores
+from upvl_cli.sweep import preset_workspace
+from upvl_cli.workspace import Workspace
+
+ROWS = [(table, row) for table in TABLES for row in table.rows]
+
+
+@pytest.fixture(scope="module")
+def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("tables")
+    drive = write_drive(folder / "drives", frames=6)
+    return make_workspace(folder / "work", raw__dataset='"kitti"', raw__root=f'"{drive.root}"')
+
+
+@pytest.mark.parametrize(("table", "row"), ROWS, ids=lambda item: getattr(item, "name", ""))
+def test_a_row_has_a_figure_a_column(table, row) -> None:
+    assert len(row.published) == len(COLUMNS[table.score])
+
+
+@pytest.mark.parametrize("name", sorted(path.name for path in (ROOT / "stages" / "presets").iterdir()))
+def test_every_preset_that_ships_can_be_loaded_and_has_a_row(workspace: Path, name: str) -> None:
+    preset_workspace(Workspace(workspace / "stages", workspace / "out"), name)
+    assert name in {row.preset for _, row in ROWS}
+
+
+def test_named_rows_are_means_as_published() -> None:
+    for _, row in ROWS:
+        if len(row.published) == 3 and not math.isnan(row.published[0]):
+            assert row.published[2] == pytest.approx((row.published[0] + row.published[1]) / 2, abs=0.0501)
+
+
+def test_what_a_row_needs_is_told(tmp_path: Path) -> None:
+    (tmp_path / "here").mkdir()
+    assert missing(PaperRow("", "here", (), needs=("flow",)), tmp_path) == ""
+    assert missing(PaperRow("", "", (), needs=()), tmp_path) == ""
+    assert (
+        missing(PaperRow("", "here", (), needs=("flow", "dream", "wish")), tmp_path) == "no dream, wish yet"
+    )
+    assert missing(PaperRow("", "gone", (), needs=("flow",)), tmp_path) == "no preset gone yet"
+
+
+def test_names_are_scored_apart_and_riders_count_as_walkers() -> None:
+    labels = [(0, 10, 0, 5.0), (0, 20, 0, 5.0), (0, 30, 0, 5.0), (0, 40, 0, 5.0), (0, 50, 0, 0.0)]
+    case = material(labels, [(0, 10, 0, 0.9), (0, 20, 0, 0.9), (0, 30, 0, 0.9), (0, 40, 0, 0.9)])
+    case = replace(
+        case,
+        labels=replace(case.labels, type=np.array([1, 1, 2, 4, 2])),
+        predictions=replace(case.predictions, type=np.array([1, 2, 4, 2])),
+    )
+    # Of two cars one is found. The three boxes for VRU are one on a car and two right, all of one score:
+    # precision 2/3; moving VRU are all found, with the one that stands it is two of three.
+    assert named_scores(case, iou=0.4, moving_mps=1.0) == pytest.approx((0.5, 2 / 3, 7 / 12))
+    assert named_scores(case, iou=0.4, moving_mps=None) == pytest.approx((0.5, 4 / 9, 17 / 36))
+
+
+def test_the_command_fills_what_it_can_and_makes_nothing_twice(workspace: Path) -> None:
+    made = presets(Workspace(workspace / "stages", workspace / "out"))
+    assert {"mi-up", "clustering"} <= set(made)
+    done = upvl(workspace, "tables")
+    assert done.returncode == 0, done.stderr
+    text = " ".join(done.stdout.split())
+    assert "Table 1: moving objects, whatever their class" in text
+    assert "MI-UP labels published 36.9 35.5 27.4 26.4 ours " in text
+    assert "UP-VL detector published 49.9 48.1 38.4 36.9 no" in text
+    assert text.count("Not the same data.") == len(TABLES)
+    tables = json.loads((workspace / "out" / "eval" / "tables.json").read_text())
+    assert [table["title"] for table in tables] == [table.title for table in TABLES]
+    first = tables[0]["rows"][0]
+    assert first["missing"] == ""
+    assert all(0 <= value <= 100 for value in first["ours"])
+
+    again = upvl(workspace, "tables")
+    assert "made stage" not in again.stdout
+    assert done.stdout.endswith(again.stdout)
+
+
+def test_without_labels_there_is_nothing_to_fill(workspace: Path, tmp_path: Path) -> None:
+    drive = write_drive(tmp_path / "drives", tracklets=False)
+    folder = make_workspace(tmp_path / "work", raw__dataset='"kitti"', raw__root=f'"{drive.root}"')
+    assert fails(folder, "tables").endswith(
+        "has no labels; expected tracklet_labels.xml or object_label_2/*.txt"
+    )
+    assert not list(folder.glob("out/*/*.parquet"))
