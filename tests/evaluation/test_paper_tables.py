@@ -50,9 +50,7 @@ def test_what_a_row_needs_is_told(tmp_path: Path) -> None:
     (tmp_path / "here").mkdir()
     assert missing(PaperRow("", "here", (), needs=("flow",)), tmp_path) == ""
     assert missing(PaperRow("", "", (), needs=()), tmp_path) == ""
-    assert (
-        missing(PaperRow("", "here", (), needs=("flow", "dream", "wish")), tmp_path) == "no dream, wish yet"
-    )
+    assert missing(PaperRow("", "here", (), needs=("flow", "dream", "wish")), tmp_path) == "no dream yet"
     assert missing(PaperRow("", "gone", (), needs=("flow",)), tmp_path) == "no preset gone yet"
 
 
@@ -77,8 +75,8 @@ def test_the_command_fills_what_it_can_and_makes_nothing_twice(workspace: Path) 
     assert done.returncode == 0, done.stderr
     text = " ".join(done.stdout.split())
     assert "Table 1: moving objects, whatever their class" in text
-    assert "MI-UP labels published 36.9 35.5 27.4 26.4 ours " in text
-    assert "UP-VL detector published 49.9 48.1 38.4 36.9 no" in text
+    assert "published AP@0.4 L1 AP@0.4 L2 AP@0.5 L1 AP@0.5 L2 MI-UP labels 36.9 35.5 27.4 26.4 ours " in text
+    assert "UP-VL detector 49.9 48.1 38.4 36.9 no " in text
     assert text.count("Not the same data.") == len(TABLES)
     tables = json.loads((workspace / "out" / "eval" / "tables.json").read_text())
     assert [table["title"] for table in tables] == [table.title for table in TABLES]

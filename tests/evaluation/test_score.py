@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scored_world import SETTINGS, material
 
+from upvl_cli.errors import BadInput
 from upvl_cli.evaluation.score import detection_scores, diagnosis, track_scores
 
 ONE_IOU = replace(SETTINGS, iou=(0.4,))
@@ -151,16 +153,32 @@ def test_tracks_count_misses_false_boxes_and_changes_of_identity() -> None:
 
 
 PLACES = st.tuples(
-    st.integers(0, 2), st.sampled_from([0.0, 1.0, 10.0, 29.0, 60.0]), st.sampled_from([0.0, 1.0])
+    st.integers(0, 2), st.sampled_from([0.0, 1.0, 10.0, 29.0, 60.0, 1e6]), st.sampled_from([0.0, 1.0])
 )
+# Cars as they are, boxes without any size, and boxes of 1e6 m.
+SCALES = st.sampled_from([1.0, 0.0, 2.5e5])
 LABELS = st.lists(st.tuples(PLACES, st.sampled_from([0.0, 1.0, 30.0])), max_size=8)
 BOXES = st.lists(st.tuples(PLACES, st.sampled_from([0.0, 0.5, 1.0])), max_size=8)
 
 
+def scaled(boxes, scale):
+    """The boxes in another size."""
+    return replace(boxes, seven=boxes.seven * np.array([1, 1, 1, scale, scale, scale, 1]))
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+def test_a_box_that_is_no_box_is_refused(wrong: float) -> None:
+    case = material([(0, 10, 0, MOVING)], [(0, 10, 0, 0.9)])
+    for boxes in (case.labels, case.predictions):
+        with pytest.raises(BadInput, match=r"segment drive, frame 0\) has a box that is not finite"):
+            replace(boxes, seven=boxes.seven + wrong)
+
+
 @settings(max_examples=60, deadline=None)
-@given(LABELS, BOXES, st.booleans())
-def test_nothing_crashes_and_all_shares_are_shares(labels, boxes, moving_only) -> None:
+@given(LABELS, BOXES, st.booleans(), SCALES)
+def test_nothing_crashes_and_all_shares_are_shares(labels, boxes, moving_only, scale) -> None:
     case = material([(*place, last) for place, last in labels], [(*place, last) for place, last in boxes])
+    case = replace(case, labels=scaled(case.labels, scale), predictions=scaled(case.predictions, scale))
     for score in detection_scores(case, SETTINGS, moving_only=moving_only):
         values = [
             *score.ap,

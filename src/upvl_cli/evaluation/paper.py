@@ -108,7 +108,7 @@ TABLES = (
         ),
     ),
     PaperTable(
-        "Ablation: from which likeness on a point is background (eps_bg)",
+        "Ablation: background from this likeness on (eps_bg)",
         "named",
         False,
         tuple(
@@ -122,7 +122,7 @@ TABLES = (
         ),
     ),
     PaperTable(
-        "Ablation: from which share of background points on a box is dropped (r_bg)",
+        "Ablation: dropped above this share of background (r_bg)",
         "named",
         False,
         tuple(

@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Protocol
 
@@ -45,15 +46,15 @@ class Filled:
 
 
 def missing(row: PaperRow, folder: Path) -> str:
-    """What a row still needs, in words; empty where it can be made.
+    """The first thing that a row still needs, in words; empty where it can be made.
 
     Args:
         row: The row.
         folder: The presets.
     """
-    stages = [name for name in row.needs if name not in BY_NAME]
-    if stages:
-        return f"no {', '.join(stages)} yet"
+    stage = next((name for name in row.needs if name not in BY_NAME), None)
+    if stage:
+        return f"no {stage} yet"
     if row.preset and not (folder / row.preset).is_dir():
         return f"no preset {row.preset} yet"
     return ""
@@ -96,18 +97,26 @@ def fill(workspace: Workspace, watcher: Watcher) -> Iterator[tuple[PaperTable, l
         for segment in workspace.segments:
             for shard in make(workspace, made[name], others, segment, watcher.tick):
                 watcher.done(shard)
+
+    @cache
+    def gathered(preset: str, stage: str) -> Material:
+        return gather(made[preset], stage, region=None)
+
     for table in TABLES:
-        yield table, [_filled(workspace, made, table, row, settings) for row in table.rows]
+        rows = []
+        for row in table.rows:
+            reason = missing(row, workspace.stages / "presets")
+            material = None if reason else gathered(row.preset, STAGE_OF[row.what])
+            rows.append(_filled(table, row, material, reason, settings))
+        yield table, rows
 
 
 def _filled(
-    workspace: Workspace, made: dict[str, Workspace], table: PaperTable, row: PaperRow, settings: EvalParams
+    table: PaperTable, row: PaperRow, material: Material | None, reason: str, settings: EvalParams
 ) -> Filled:
     nothing = (math.nan,) * len(COLUMNS[table.score])
-    reason = missing(row, workspace.stages / "presets")
-    if reason:
+    if material is None:
         return Filled(row, nothing, reason)
-    material = gather(made[row.preset], STAGE_OF[row.what], region=None)
     if table.score == "named" and row.needs and not material.has_class:
         return Filled(row, nothing, f"no class of boxes in {STAGE_OF[row.what]} yet")
     ours = _scored(material, table, row, settings)
@@ -134,15 +143,14 @@ def shown(table: PaperTable, rows: Sequence[Filled]) -> Table:
     """A table for the terminal: a line with the published figures, and where there are any a line with ours."""
     out = Table(title=table.title, title_justify="left", title_style="bold", box=None, pad_edge=False)
     out.caption, out.caption_justify = _NOTES[table.score], "left"
-    out.add_column("", no_wrap=True)
-    out.add_column("", no_wrap=True)
+    out.add_column("published", no_wrap=True)
     for name in COLUMNS[table.score]:
         out.add_column(name, justify="right", no_wrap=True)
     out.add_column("")
     for of in rows:
-        out.add_row(of.row.name, "published", *map(_percent, of.row.published), of.missing)
+        out.add_row(of.row.name, *map(_percent, of.row.published), of.missing)
         if not of.missing:
-            out.add_row("", "ours", *map(_percent, of.ours), "")
+            out.add_row("  ours", *map(_percent, of.ours), "")
     return out
 
 
