@@ -1,0 +1,51 @@
+"""Pictures from above: what is where, in which colour."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from upvl_cli.drawing import colours
+from upvl_cli.drawing.birds_eye import PIXELS_PER_METRE, View, birds_eye
+from upvl_cli.types import Boxes
+
+VIEW = View(x_min_m=-5.0, x_max_m=15.0, y_min_m=-8.0, y_max_m=8.0)
+NO_BOXES = Boxes(np.zeros((0, 7)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
+
+
+def picture(xyz: list[list[float]], state: list[int], boxes: Boxes = NO_BOXES) -> np.ndarray:
+    return np.asarray(birds_eye(VIEW, np.array(xyz).reshape(-1, 3), np.array(state), boxes, {}, ""))
+
+
+def pixel(x_m: float, y_m: float) -> tuple[int, int]:
+    """Row and column of a place: forward is up, left is left."""
+    return int((15 - x_m) * PIXELS_PER_METRE), int((8 - y_m) * PIXELS_PER_METRE)
+
+
+def test_the_picture_has_the_size_of_the_view() -> None:
+    assert picture([], []).shape == (20 * PIXELS_PER_METRE, 16 * PIXELS_PER_METRE, 3)
+
+
+def test_a_point_shows_its_state_where_it_is() -> None:
+    drawn = picture([[7, 3, 0], [8, -3, 1], [9, 4.5, 1]], [0, 1, 2])
+    assert tuple(drawn[pixel(7, 3)]) == colours.GROUND
+    assert tuple(drawn[pixel(8, -3)]) == colours.STATIC
+    assert tuple(drawn[pixel(9, 4.5)]) == colours.MOVING
+
+
+def test_points_out_of_view_are_left_out() -> None:
+    np.testing.assert_array_equal(picture([[99, 0, 0], [0, -99, 0]], [1, 2]), picture([], []))
+
+
+def test_a_box_is_drawn_in_the_colour_of_its_track() -> None:
+    box = Boxes(np.array([[7, 0, 1, 4, 2, 1.5, 0]]), np.zeros((1, 3)), np.ones(1), np.array([3]))
+    drawn = picture([], [], box)
+    for x_m, y_m in ((9, 0.5), (5, 0.5), (7, 1), (7, -1), (8, 0)):  # four sides, and the line to the nose
+        row, column = pixel(x_m, y_m)
+        near = drawn[row - 1 : row + 2, column - 1 : column + 2].reshape(-1, 3)
+        assert colours.of_track(3) in [tuple(colour) for colour in near], (x_m, y_m)
+
+
+def test_neighbouring_tracks_have_colours_that_differ() -> None:
+    shades = np.array([colours.of_track(number) for number in range(6)], dtype=float)
+    apart = np.linalg.norm(shades[:, None] - shades, axis=2)[~np.eye(6, dtype=bool)]
+    assert apart.min() > 50

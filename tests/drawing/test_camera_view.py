@@ -1,0 +1,45 @@
+"""Boxes on the camera's picture."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from upvl_cli.drawing import colours
+from upvl_cli.drawing.camera_view import camera_view
+from upvl_cli.types import Boxes, Camera
+
+# Looks along x from the ego origin: 100 px a unit of slope, centre at (600, 200).
+AHEAD = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+CAMERA = Camera("front", 1200, 400, np.array([[100.0, 0, 600], [0, 100, 200], [0, 0, 1]]), np.zeros(5), AHEAD)
+GREY = np.full((400, 1200, 3), 90, np.uint8)
+
+
+def drawn(*seven: list[float]) -> np.ndarray:
+    boxes = np.array(seven, dtype=float).reshape(-1, 7)
+    n = len(boxes)
+    return np.asarray(camera_view(GREY, CAMERA, Boxes(boxes, np.zeros((n, 3)), np.ones(n), np.arange(n))))
+
+
+def test_the_near_face_stands_where_the_pinhole_puts_it() -> None:
+    picture = drawn([12, 0, 0, 4, 4, 2, 0])  # the near face is 10 m ahead, 4 m wide, 2 m high: 40 by 20 px
+    coloured = np.argwhere((picture == colours.of_track(0)).all(axis=2))
+    text_is_above = coloured[coloured[:, 0] >= 189]
+    assert abs(text_is_above[:, 0].max() - 210) <= 1
+    columns = coloured[np.abs(coloured[:, 0] - 200) <= 5][:, 1]
+    assert abs(columns.min() - 580) <= 1
+    assert abs(columns.max() - 620) <= 1
+
+
+def test_a_box_behind_the_camera_leaves_no_trace() -> None:
+    np.testing.assert_array_equal(drawn([-12, 0, 0, 4, 4, 2, 0]), GREY)
+
+
+def test_without_boxes_it_is_the_picture() -> None:
+    np.testing.assert_array_equal(drawn(), GREY)
+
+
+def test_a_small_picture_is_enlarged() -> None:
+    small = camera_view(
+        GREY[:100, :300], CAMERA, Boxes(np.zeros((0, 7)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
+    )
+    assert small.size == (1200, 400)
