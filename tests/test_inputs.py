@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from command import make_workspace, set_value
 
+from command import make_workspace, set_value
 from upvl_cli.errors import NotMade
 from upvl_cli.inputs import Inputs
 from upvl_cli.stages import BY_NAME, STAGES
