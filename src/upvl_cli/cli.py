@@ -253,10 +253,9 @@ def evaluate(
 
     overrides = {"iou": sorted({*(iou or ()), *(more or ())})} if iou or more else {}
     report = run.evaluate(context.obj, what, moving_only, class_agnostic, region, overrides)
-    for item in run.shown(report):
+    paths = list(run.write(context.obj, report))
+    for item in [*run.shown(report), *map(str, paths)]:
         Console(soft_wrap=isinstance(item, str)).print(item, markup=False, highlight=False)
-    for path in run.write(context.obj, report):
-        print(path)
 
 
 @app.command()
@@ -271,9 +270,10 @@ def tables(context: typer.Context) -> None:
     shards = len(STAGES) * len(context.obj.segments) * len(paper_tables.presets(context.obj))
     with Progress(shards) as progress:
         filled = list(paper_tables.fill(context.obj, progress))
+    path = paper_tables.write(context.obj, filled)
     for table, rows in filled:
         Console().print(paper_tables.shown(table, rows), "", highlight=False)
-    print(paper_tables.write(context.obj, filled))
+    print(path)
 
 
 __all__ = ["BY_NAME", "app", "main"]
