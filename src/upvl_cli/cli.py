@@ -238,12 +238,19 @@ def draw(
 def evaluate(
     context: typer.Context,
     what: Annotated[str, typer.Option(help="labels, detections or tracks.")] = "labels",
-    moving_only: Annotated[bool, typer.Option("--moving-only/--all-motion", help="Which labels to ask for.")] = True,
+    moving_only: Annotated[
+        bool, typer.Option("--moving-only/--all-motion", help="Which labels to ask for.")
+    ] = True,
     class_agnostic: Annotated[
-        bool | None, typer.Option("--class-agnostic/--by-class", help="Any object is right, whatever its class.")
+        bool | None,
+        typer.Option("--class-agnostic/--by-class", help="Any object is right, whatever its class."),
     ] = None,
-    region: Annotated[str | None, typer.Option(metavar="LxW", help="Only this far around the car: 100x40 (m).")] = None,
-    iou: Annotated[list[float] | None, typer.Option(help="Least 3D IoU of a match; several: --iou 0.4 0.5.")] = None,
+    region: Annotated[
+        str | None, typer.Option(metavar="LxW", help="Only this far around the car: 100x40 (m).")
+    ] = None,
+    iou: Annotated[
+        list[float] | None, typer.Option(help="Least 3D IoU of a match; several: --iou 0.4 0.5.")
+    ] = None,
     more: Annotated[list[float] | None, typer.Argument(hidden=True, metavar="IOU")] = None,
 ) -> None:
     """Score the auto labels against human labels: tables, out/eval/*.json and pictures."""

@@ -72,7 +72,9 @@ def page(stages: Sequence[Stage], folder: Path) -> str:
             )
             lines.append(f"| `{name}` | {spec.type}{shape} | {spec.per or 'frame'} | {meaning} |")
         lines.append("")
-    lines += _section("eval", "Scores labels, tracks and flow where the truth is known.", (), EvalParams, folder)
+    lines += _section(
+        "eval", "Scores labels, tracks and flow where the truth is known.", (), EvalParams, folder
+    )
     return "\n".join(lines)
 
 
