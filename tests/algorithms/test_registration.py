@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from upvl_cli.algorithms.registration import align_yaw, apply, fit_yaw
+from upvl_cli.algorithms.registration import align_yaw, fit_yaw
+from upvl_cli.geometry.se3 import apply
 
 
 def pose(x_m: float, y_m: float, z_m: float, yaw_rad: float) -> np.ndarray:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from upvl_cli.geometry.se3 import apply
 from upvl_cli.types import Floats
 
 
@@ -87,20 +88,6 @@ def fit_yaw(source_xyz_m: Floats, target_xyz_m: Floats) -> Floats:
     fit[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
     fit[:3, 3] = goal - fit[:3, :3] @ centre
     return fit
-
-
-def apply(target_from_source: Floats, xyz_m: Floats) -> Floats:
-    """Move points by a transform.
-
-    Args:
-        target_from_source: (4, 4) transform.
-        xyz_m: (n, 3) points in source axes.
-
-    Returns:
-        (n, 3) the points in target axes.
-    """
-    moved: Floats = xyz_m @ target_from_source[:3, :3].T + target_from_source[:3, 3]
-    return moved
 
 
 def _judge(tree: cKDTree, target_from_source: Floats, moved: Floats, radius_m: float) -> Alignment:

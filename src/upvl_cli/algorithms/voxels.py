@@ -33,11 +33,11 @@ def voxelize(points: Floats, *, voxel_m: float) -> Voxels:
     Returns:
         The occupied voxels.
     """
-    cells = np.floor(np.asarray(points, dtype=np.float64) / voxel_m).astype(np.int64)
-    of_point = number_in_order(row_keys(cells))
+    columns = np.ascontiguousarray(np.transpose(points), dtype=np.float64)  # else each pass is a stride
+    of_point = number_in_order(row_keys(np.floor(columns / voxel_m).astype(np.int64).T))
     total = int(of_point.max()) + 1 if len(of_point) else 0
     weight = np.bincount(of_point, minlength=total)
-    sums = [np.bincount(of_point, weights=column, minlength=total) for column in np.transpose(points)]
+    sums = [np.bincount(of_point, weights=column, minlength=total) for column in columns]
     return Voxels(of_point, np.stack(sums, axis=1) / np.maximum(weight, 1)[:, None], weight)
 
 
@@ -73,7 +73,14 @@ def number_in_order(keys: Ints) -> Ints:
     Returns:
         (n,) numbers without gaps.
     """
-    _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
+    if not len(keys):
+        return np.zeros(0, dtype=np.int64)
+    order = np.argsort(keys)
+    ordered = keys[order]
+    begins = np.append(True, ordered[1:] != ordered[:-1])
+    first = np.minimum.reduceat(order, np.flatnonzero(begins))
     rank = np.empty(len(first), dtype=np.int64)
     rank[np.argsort(first)] = np.arange(len(first))
-    return rank[inverse]
+    numbers = np.empty(len(keys), dtype=np.int64)
+    numbers[order] = rank[np.cumsum(begins) - 1]
+    return numbers
