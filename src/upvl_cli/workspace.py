@@ -127,12 +127,15 @@ class Workspace:
             makers = above | makers
         return makers
 
+    def _adapter(self) -> dict[str, Any]:
+        return {"dataset": self.raw.dataset, "version": self.dataset.version}
+
     def raw_stamp(self, segment: str) -> str:
         """The drive's files by name and size, as JSON; also kept in `out/raw/` for make to see."""
         if segment not in self._raw_stamps:
             sizes = [(path.name, path.stat().st_size) for path in self.drive(segment).files]
             digest = hashlib.sha256(json.dumps(sizes).encode()).hexdigest()
-            self._raw_stamps[segment] = _text({"dataset": self.raw.dataset, "files": digest})
+            self._raw_stamps[segment] = _text(self._adapter() | {"files": digest})
         return self._raw_stamps[segment]
 
     def mark_raw(self, segment: str) -> Path:

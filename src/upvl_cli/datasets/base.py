@@ -55,6 +55,10 @@ class Dataset(Protocol):
     """A folder of drives, or a maker of them."""
 
     @property
+    def version(self) -> int:
+        """Raised by hand when the adapter gives other points for equal files: part of every stamp."""
+
+    @property
     def segments(self) -> tuple[str, ...]:
         """Names of all segments, sorted."""
 
@@ -69,7 +73,10 @@ class LabelSource(Protocol):
         """All boxes of a segment; raises `BadInput` where it has none."""
 
     def frames(self, segment: str) -> Ints:
-        """(n,) indices of the frames that were labelled; in the others a box is neither right nor wrong."""
+        """(n,) indices of the labelled frames; in the others a box is neither right nor wrong.
+
+        Raises `BadInput` where the drive has no labels.
+        """
 
     def covers(self, segment: str, xyz_ego_m: Array) -> Bools:
         """(n,) whether each place lies where objects were labelled, for example in the front view."""

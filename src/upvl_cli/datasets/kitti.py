@@ -17,6 +17,8 @@ _MOST_NAMES = 10
 class Kitti:
     """The drives below a folder; the folder of one day or of one drive will do as well."""
 
+    version = 1
+
     def __init__(self, root: Path) -> None:
         self._root = root
         self._folders = _drive_folders(root)

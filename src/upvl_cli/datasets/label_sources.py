@@ -7,17 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from upvl_cli.datasets.base import LabelSource
-from upvl_cli.types import Ints
 
 if TYPE_CHECKING:
     from upvl_cli.datasets.synthetic_truth import FlowTruth
-
-
-class LabelledFrames(LabelSource, Protocol):
-    """Labels that also say which frames were labelled: of the others nothing is known."""
-
-    def frames(self, segment: str) -> Ints:
-        """(f,) index of each labelled frame; raises `BadInput` where the drive has no labels."""
 
 
 class FlowSource(Protocol):
@@ -27,23 +19,23 @@ class FlowSource(Protocol):
         """The motion of each point of a sweep, in the order of its points."""
 
 
-def _kitti(root: Path) -> LabelledFrames:
+def _kitti(root: Path) -> LabelSource:
     from upvl_cli.datasets.kitti_labels import KittiLabels
 
     return KittiLabels(root)
 
 
-def _synthetic(root: Path) -> LabelledFrames:
-    from upvl_cli.datasets.synthetic_truth import SyntheticTruth
+def _synthetic(root: Path) -> LabelSource:
+    from upvl_cli.datasets.synthetic_labels import SyntheticLabels
 
-    return SyntheticTruth()
+    return SyntheticLabels()
 
 
 def _synthetic_flow(root: Path) -> FlowSource:
-    from upvl_cli.datasets.synthetic_truth import SyntheticTruth
+    from upvl_cli.datasets.synthetic_truth import SyntheticFlow
 
-    return SyntheticTruth()
+    return SyntheticFlow()
 
 
-LABELS: dict[str, Callable[[Path], LabelledFrames]] = {"kitti": _kitti, "synthetic": _synthetic}
+LABELS: dict[str, Callable[[Path], LabelSource]] = {"kitti": _kitti, "synthetic": _synthetic}
 TRUE_FLOW: dict[str, Callable[[Path], FlowSource]] = {"synthetic": _synthetic_flow}

@@ -112,6 +112,8 @@ def _moved(xyz_m: Array, now: Solids, later: Solids) -> Array:
 class Synthetic:
     """The made-up drives of some seeds (a `Dataset`)."""
 
+    version = 1
+
     def __init__(self, *, frames: int = 20, seeds: tuple[int, ...] = (0,)) -> None:
         """Offer one street for each seed, each of that many frames.
 

@@ -1,4 +1,4 @@
-"""All that is true of the made-up drives, for evaluation only: labels, and the motion of every point."""
+"""The true motion of every point of the made-up drives, for evaluation only."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from upvl_cli.datasets.synthetic_labels import SyntheticLabels
-from upvl_cli.types import Array, Ints, ParallelArrays, array
+from upvl_cli.datasets.synthetic import Synthetic
+from upvl_cli.types import Array, ParallelArrays, array
 
 # The classes of the Argoverse 2 scene-flow challenge, by kind; anything else is background.
 FLOW_CLASSES = ("background", "car", "other vehicles", "pedestrian", "wheeled VRU")
@@ -28,16 +28,12 @@ class FlowTruth(ParallelArrays):
     flow_class: Array = array("int64")
 
 
-class SyntheticTruth(SyntheticLabels):
-    """Labels of the made-up drives, which of their frames have some, and the true flow."""
-
-    def frames(self, segment: str) -> Ints:
-        """Return the index of each frame: all of them are labelled."""
-        return np.array([frame.index for frame in self._dataset.open(segment).frames])
+class SyntheticFlow:
+    """The true flow of the made-up drives."""
 
     def flow(self, segment: str, frame: int) -> FlowTruth:
         """Return the true motion of the points of a sweep."""
-        drive = self._dataset.open(segment)
+        drive = Synthetic().open(segment)
         truth = drive.truth(frame)
         of_thing = [_CLASS_OF.get(thing.kind, 0) for thing in drive.scene.things]
         # The number -1 means the ground, and so does the last place of the table.

@@ -10,7 +10,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from upvl_cli.datasets.label_sources import LABELS, LabelledFrames
+from upvl_cli.datasets.base import LabelSource
+from upvl_cli.datasets.label_sources import LABELS
 from upvl_cli.errors import BadInput, NotMade
 from upvl_cli.evaluation.region import Region
 from upvl_cli.geometry.camera import project
@@ -113,7 +114,7 @@ def gather(workspace: Workspace, stage: str, *, region: Region | None) -> Materi
     )
 
 
-def labelled(workspace: Workspace) -> tuple[LabelledFrames, dict[str, Ints], dict[str, str]]:
+def labelled(workspace: Workspace) -> tuple[LabelSource, dict[str, Ints], dict[str, str]]:
     """The labels of a workspace, the labelled frames of each drive that has some, and why others have none.
 
     Raises:
@@ -151,7 +152,7 @@ def checked_table(workspace: Workspace, stage: str, segment: str) -> Table:
 def _of_drive(
     workspace: Workspace,
     stage: str,
-    source: LabelledFrames,
+    source: LabelSource,
     segment: str,
     frames: Ints,
     region: Region | None,
