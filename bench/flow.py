@@ -1,0 +1,154 @@
+"""Scene flow of one real pair of sweeps: errors, time and memory of the shipped settings.
+
+    python bench/flow.py [--pair ../shared/data/flow_pair_a/pair.npz]
+
+Prints a row for no motion at all, one for a plain reference in the same run (scikit-learn's DBSCAN of radius
+1 m over the 0.2 m voxels of both sweeps, rigid ICP a cluster from zero and from the shift of its centre, kept
+where the distance to the other sweep drops by a fifth), and one for `flow`; each in a process of its
+own. Machines are noisy: compare the ratio of CPU seconds. Exits 1 where `flow` is worse than the reference in
+three-way EPE by more than a millimetre.
+
+A pair is an npz of `pc0` (n, 3) and `pc1` (m, 3) in one set of axes without ego motion and without ground,
+`dt` (s), `gt_flow` (n, 3) in metres an interval, `gt_flow_total` (with ego motion), `classes` (0 is
+background), `is_dynamic`, `is_valid`, `is_close`, `is_ground`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict
+from multiprocessing import get_context
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+from sklearn.cluster import DBSCAN
+
+from upvl_cli.algorithms.flow import estimate
+from upvl_cli.algorithms.registration import align_yaw
+from upvl_cli.algorithms.voxels import voxelize
+from upvl_cli.geometry.se3 import apply
+from upvl_cli.metrics.flow import FlowErrors, flow_errors
+from upvl_cli.settings import load
+from upvl_cli.stages.flow import FlowParams
+
+ROOT = Path(__file__).parents[1]
+PAIR = ROOT.parent / "shared" / "data" / "flow_pair_a" / "pair.npz"
+WORSE_M = 0.001
+SAMPLE = 500  # points of a cluster that the reference aligns
+RUNS = 3
+
+Method = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
+
+
+class Measured(NamedTuple):
+    """What one method reached: errors, seconds of its best run, and memory of its process."""
+
+    errors: FlowErrors
+    wall_s: float
+    cpu_s: float
+    peak_mib: float
+
+
+def no_motion(source_m: np.ndarray, target_m: np.ndarray, dt_s: float) -> np.ndarray:
+    """Nothing moves."""
+    return np.zeros_like(source_m)
+
+
+def plain(source_m: np.ndarray, target_m: np.ndarray, dt_s: float) -> np.ndarray:
+    """One rigid motion a cluster, with constants set beforehand."""
+    voxels = voxelize(np.concatenate([source_m, target_m]), voxel_m=0.2)
+    found = DBSCAN(eps=1.0, min_samples=10).fit(voxels.centroid, sample_weight=voxels.weight).labels_
+    of_source, of_target = np.split(found[voxels.of_point], [len(source_m)])
+    flow_m = np.zeros_like(source_m)
+    for label in range(found.max() + 1):
+        mine, other = source_m[of_source == label], target_m[of_target == label]
+        if len(mine) < 5 or len(other) < 5:
+            continue
+        a = mine[:: -(-len(mine) // SAMPLE)]
+        shift = np.eye(4)
+        shift[:3, 3] = other.mean(axis=0) - mine.mean(axis=0)
+        fits = [
+            align_yaw(a, other, start=start, radius_m=1.5, iterations=30, stop_m=1e-3).target_from_source
+            for start in (np.eye(4), shift)
+        ]
+        tree = cKDTree(other)
+        off_m = [tree.query(apply(motion, a))[0].mean() for motion in (np.eye(4), *fits)]
+        best = int(np.argmin(off_m))
+        if best and off_m[best] < 0.8 * off_m[0]:
+            flow_m[of_source == label] = apply(fits[best - 1], mine) - mine
+    return flow_m
+
+
+def shipped(source_m: np.ndarray, target_m: np.ndarray, dt_s: float) -> np.ndarray:
+    """The stage's algorithm with the values of `stages/flow.toml`."""
+    return (
+        estimate(source_m, target_m, dt_s, **asdict(load(FlowParams, ROOT / "stages" / "flow.toml"))) * dt_s
+    )
+
+
+METHODS: dict[str, Method] = {"no motion": no_motion, "plain reference": plain, "flow": shipped}
+
+
+def measured(name: str, path: Path) -> Measured:
+    """Run a method on a pair."""
+    pair = np.load(path)
+    keep0, keep1 = ~pair["is_ground"], ~pair["is_ground1"] if "is_ground1" in pair else slice(None)
+    source_m, target_m = pair["pc0"][keep0].astype(np.float64), pair["pc1"][keep1].astype(np.float64)
+    seconds = []
+    for _ in range(RUNS):
+        started, cpu = time.perf_counter(), time.process_time()
+        found_m = METHODS[name](source_m, target_m, float(pair["dt"]))
+        seconds.append((time.perf_counter() - started, time.process_time() - cpu))
+    flow_m = np.zeros(pair["pc0"].shape)
+    flow_m[keep0] = found_m
+    errors = flow_errors(
+        flow_m,
+        pair["gt_flow"],
+        true_total_m=pair["gt_flow_total"],
+        foreground=pair["classes"] > 0,
+        dynamic=pair["is_dynamic"],
+        evaluated=pair["is_valid"] & ~pair["is_ground"] & pair["is_close"],
+    )
+    wall_s, cpu_s = np.min(seconds, axis=0)
+    return Measured(errors, wall_s, cpu_s, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--pair", type=Path, default=PAIR, help="an npz as described above")
+    path = parser.parse_args().pair
+    rows = {}
+    print(
+        f"{'method':16} {'3-way EPE m':>11} {'dynamic':>8} {'relaxed':>8} {'dyn IoU':>8} {'false':>7}", end=""
+    )
+    print(f" {'wall s':>7} {'cpu s':>7} {'peak MiB':>9}")
+    for name in METHODS:
+        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as alone:
+            rows[name] = row = alone.submit(measured, name, path).result()
+        errors = row.errors
+        print(
+            f"{name:16} {errors.three_way_epe_m:11.4f} {errors.dynamic_epe_m:8.4f} {errors.relaxed:8.3f} "
+            f"{errors.dynamic_iou:8.3f} {errors.background_epe_m:7.4f} "
+            f"{row.wall_s:7.3f} {row.cpu_s:7.3f} {row.peak_mib:9.0f}"
+        )
+    ours, reference = rows["flow"], rows["plain reference"]
+    print(
+        f"flow takes {ours.cpu_s / reference.cpu_s:.2f} x the CPU time of the reference, with "
+        f"{ours.errors.three_way_epe_m / reference.errors.three_way_epe_m:.2f} x its three-way EPE and "
+        f"{ours.errors.dynamic_epe_m / reference.errors.dynamic_epe_m:.2f} x its dynamic EPE"
+    )
+    sys.exit(ours.errors.three_way_epe_m > reference.errors.three_way_epe_m + WORSE_M)
+
+
+if __name__ == "__main__":
+    main()
