@@ -1,4 +1,4 @@
-"""PROVISIONAL."""
+"""The whole object behind what each sweep shows of it."""
 
 from __future__ import annotations
 
@@ -10,32 +10,102 @@ from upvl_cli.rows import LabelRow
 from upvl_cli.stage import Stage, param
 
 if TYPE_CHECKING:
+    from upvl_cli.algorithms.amodal import Sightings
     from upvl_cli.inputs import Inputs
+    from upvl_cli.types import Array
 
 
 @dataclass(frozen=True)
 class AmodalParams:
     """Settings of `amodal`."""
 
-    size_share: float = param("PROVISIONAL", above=0, most=1)
+    moving_mps: float = param("slower motion gives no heading", "m/s", least=0)
+    foot_m: float = param("points lower than this have no say in length and width", "m", least=0)
+    min_points: int = param("points that a frame needs to be registered", least=3)
+    radius_m: float = param("pairs further apart are left out of the registration", "m", above=0)
+    iterations: int = param("most steps of a registration", least=1)
+    min_inlier_share: float = param(
+        "a frame of which a smaller share finds its place is not registered", least=0, most=1
+    )
+    edge_share: float = param("an edge of a box is reached by this share of the frames", above=0, most=1)
+    min_aspect: float = param("a vehicle is at least this many times as long as wide", least=1)
 
 
 def run(inputs: Inputs, params: AmodalParams) -> Iterator[LabelRow]:
     """Give every track one size, and place that box in each of its frames."""
+    from dataclasses import asdict
+
     import numpy as np
 
-    for row in inputs.table("track"):
+    from upvl_cli.algorithms.amodal import amodal
+    from upvl_cli.algorithms.suppression import support_score
+    from upvl_cli.geometry.boxes import transform
+    from upvl_cli.geometry.se3 import inverse
+    from upvl_cli.parallel import in_order
+
+    tracked = inputs.table("track")
+    rows, poses = list(tracked), inputs.table("odometry")
+    step = np.repeat(np.arange(len(rows)), [len(row.seven) for row in rows])
+    track_id = np.concatenate([row.track_id for row in rows] or [np.zeros(0, np.int64)])
+    world = np.zeros((len(step), 7))
+    frames_seen = np.zeros(len(step), np.int64)
+    tracks = list(_sightings(inputs, step, track_id))
+    settings = asdict(params)
+    boxes_of = in_order(lambda track: amodal(track[1], **settings), tracks)
+    for (here, sightings), boxes in zip(tracks, boxes_of, strict=True):
+        world[here] = boxes
+        frames_seen[here] = sum(len(xyz) > 0 for xyz in sightings.xyz_m)
+        inputs.count("tracks", 1)
+    for number, row in enumerate(rows):
+        here = np.flatnonzero(step == number)
+        inputs.count("boxes", len(here))
         yield LabelRow(
             inputs.segment,
             row.frame,
-            row.seven,
+            transform(world[here], inverse(poses[row.frame].world_from_ego)),
             row.velocity_mps,
             row.points,
-            score=np.minimum(row.points / 200, 1.0),
-            track_id=row.track_id,
+            support_score(row.points, frames_seen[here]),
+            row.track_id,
         )
 
 
+def _sightings(inputs: Inputs, step: Array, track_id: Array) -> Iterator[tuple[Array, Sightings]]:
+    """Each track: which rows it has in all boxes, and what was seen of it, in world axes."""
+    import numpy as np
+
+    from upvl_cli.algorithms.amodal import Sightings
+    from upvl_cli.geometry.boxes import transform
+    from upvl_cli.geometry.se3 import apply
+
+    rows, poses = list(inputs.table("track")), inputs.table("odometry")
+    grounds, proposals = inputs.table("ground"), inputs.table("propose")
+    xyz_m, height_m, seven, velocity_mps, sensor_xy_m = [], [], [], [], []
+    for row in rows:
+        pose = poses[row.frame].world_from_ego
+        xyz_ego_m = inputs.drive.points(row.frame).xyz_ego_m
+        height, box_of_point = grounds[row.frame].height_m, proposals[row.frame].box_of_point
+        for proposal in row.proposal:
+            # A coasting box has proposal -1, which no point may be taken to belong to.
+            mine = np.flatnonzero(box_of_point == proposal) if proposal >= 0 else np.zeros(0, np.int64)
+            xyz_m.append(apply(pose, xyz_ego_m[mine]))
+            height_m.append(height[mine].astype(np.float64))
+        seven.append(transform(row.seven, pose))
+        velocity_mps.append(row.velocity_mps @ pose[:3, :3].T)
+        sensor_xy_m.append(np.tile(pose[:2, 3], (len(row.seven), 1)))
+    columns = [
+        np.concatenate(parts) if parts else np.zeros((0, 7)) for parts in (seven, velocity_mps, sensor_xy_m)
+    ]
+    for number in np.unique(track_id):
+        here = np.flatnonzero(track_id == number)
+        clouds, heights = [xyz_m[box] for box in here], [height_m[box] for box in here]
+        yield here, Sightings(clouds, heights, *(column[here] for column in columns))
+
+
 STAGE = Stage(
-    name="amodal", run=run, params=AmodalParams, row=LabelRow, reads=("raw", "odometry", "propose", "track")
+    name="amodal",
+    run=run,
+    params=AmodalParams,
+    row=LabelRow,
+    reads=("raw", "odometry", "ground", "propose", "track"),
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from upvl_cli.rows import BoxRow
 from upvl_cli.stage import Stage, column, param
@@ -25,13 +25,12 @@ class ProposeParams:
     max_background_share: float = param(
         "drop an object with a larger share of background points: the paper's r_bg", least=0, most=1
     )
+    max_lasting_share: float = param(
+        "drop an object that claims to leave its place while a larger share of it stays", least=0, most=1
+    )
     moving_mps: float = param("from this speed on motion gives the heading, below it shape", "m/s", least=0)
     foot_m: float = param("points lower than this have no say in length, width and heading", "m", least=0)
-    stand_m: float = param(
-        "an object whose lowest point is lower than this stands on the ground", "m", least=0
-    )
-    trim: float = param("share of stray points left out at each end of a box", least=0, most=0.4)
-    margin_m: float = param("points this far outside a box still join it", "m", least=0)
+    person_gap_m: float = param("persons this far apart are not one object", "m", above=0)
 
 
 @dataclass(frozen=True)
@@ -50,29 +49,43 @@ def run(inputs: Inputs, params: ProposeParams) -> Iterator[ProposeRow]:
     import numpy as np
 
     from upvl_cli.algorithms.clustering import NOISE
-    from upvl_cli.algorithms.proposals import Proposals, propose
+    from upvl_cli.algorithms.persistence import places
+    from upvl_cli.algorithms.proposals import Proposals, Sweep, propose
+    from upvl_cli.geometry.se3 import apply
     from upvl_cli.parallel import in_order
 
     drive, settings = inputs.drive, asdict(params)
+    poses = list(inputs.table("odometry"))
     flows, grounds, masks = (inputs.table(name) for name in ("flow", "ground", "mask"))
 
-    def found(frame: int) -> tuple[Proposals, Array]:
+    def standing(pose: Any) -> Array:
+        """Where matter stands above the ground in a frame, in world axes."""
+        xyz_ego_m = drive.points(pose.frame).xyz_ego_m[~grounds[pose.frame].is_ground]
+        return apply(pose.world_from_ego, xyz_ego_m)
+
+    time_s = np.array([(pose.time_ns - poses[0].time_ns) * 1e-9 for pose in poses])
+    taken = places(time_s, in_order(standing, poses))
+
+    def found(step: int) -> tuple[Proposals, Array]:
         """The boxes of a frame, and which of its points belong to them."""
+        frame = poses[step].frame
         flow, ground, mask = flows[frame], grounds[frame], masks[frame]
         above = np.flatnonzero(~ground.is_ground)
-        boxes = propose(
+        sweep = Sweep(
             drive.points(frame).xyz_ego_m[above].astype(np.float64),
             flow.flow_mps[above].astype(np.float64),
             mask.is_moving[above],
             mask.background[above] == 1,
             ground.height_m[above].astype(np.float64),
-            **settings,
+            poses[step].world_from_ego,
+            step,
         )
+        boxes = propose(sweep, taken, **settings)
         box_of_point = np.full(len(mask.is_moving), NOISE)
         box_of_point[above] = boxes.of_point
         return boxes, box_of_point
 
-    for frame, (boxes, box_of_point) in zip(flows.frames, in_order(found, flows.frames), strict=True):
+    for frame, (boxes, box_of_point) in zip(flows.frames, in_order(found, range(len(poses))), strict=True):
         inputs.count("boxes kept", len(boxes.seven))
         for reason, items in boxes.dropped.items():
             inputs.count(reason, items)
@@ -80,5 +93,9 @@ def run(inputs: Inputs, params: ProposeParams) -> Iterator[ProposeRow]:
 
 
 STAGE = Stage(
-    name="propose", run=run, params=ProposeParams, row=ProposeRow, reads=("raw", "ground", "flow", "mask")
+    name="propose",
+    run=run,
+    params=ProposeParams,
+    row=ProposeRow,
+    reads=("raw", "odometry", "ground", "flow", "mask"),
 )

@@ -1,0 +1,192 @@
+"""Whole boxes of tracked objects: one size a track, placed in each of its frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from upvl_cli.algorithms.box_fit import along, rectangle_heading
+from upvl_cli.algorithms.track_registration import register
+from upvl_cli.geometry.se3 import apply, inverse, wrap_angle
+from upvl_cli.types import Array, Bools, Floats
+
+TRIM = 0.01  # share of the points left out at each end of length and width: single stray returns
+FEWEST = 3  # points that have an extent
+FEWEST_FRAMES = 4  # registered frames that make a model (MI-UP)
+FAN_STEP_RAD = float(np.deg2rad(1.0))
+EDGE_FLOOR_M = 0.05
+WIDE_M = 1.2  # wider than walkers and cyclists: has wheels, and is longer than wide
+LONG_M = 3.0  # longer than a cyclist: has four wheels,
+VEHICLE_WIDTH_M = 1.6  # and is at least about as wide as a small car
+
+
+@dataclass(frozen=True)
+class Sightings:
+    """What was seen of one object, frame by frame, in world axes.
+
+    Attributes:
+        xyz_m: T arrays (n, 3) of its points; some can be empty.
+        height_m: T arrays (n,) of their heights over the ground.
+        seven: (T, 7) box of each frame: place and size of what was seen.
+        velocity_mps: (T, 3) smooth velocity.
+        sensor_xy_m: (T, 2) where the sensor stood.
+    """
+
+    xyz_m: Sequence[Floats]
+    height_m: Sequence[Floats]
+    seven: Floats
+    velocity_mps: Floats
+    sensor_xy_m: Floats
+
+
+def amodal(
+    seen: Sightings,
+    *,
+    moving_mps: float,
+    foot_m: float,
+    min_points: int,
+    radius_m: float,
+    iterations: int,
+    min_inlier_share: float,
+    edge_share: float,
+    min_aspect: float,
+) -> Array:
+    """(T, 7) boxes around the whole object, all of one size (MI-UP, section 4.3).
+
+    Its points of all frames are laid on each other; the edges of what they show together are the box,
+    and going back by each frame's own motion puts it there. Frames that fit nothing hold the box at the
+    edge that faces the sensor: the other one is often hidden.
+
+    Args:
+        seen: The object's points and track.
+        moving_mps: Slower motion gives no heading.
+        foot_m: Points lower than this have no say in length and width.
+        min_points: Points that a frame needs to be registered; others are too sparse.
+        radius_m: Of the registration: pairs further apart are left out.
+        iterations: Of the registration: most steps.
+        min_inlier_share: A frame of which a smaller share finds its place is not registered.
+        edge_share: An edge lies where at least this share of the frames reaches it: in fewer of them
+            something else was taken along.
+        min_aspect: What is wider than a cyclist is at least this many times as long as wide; of
+            something seen from straight behind or before, the length is not seen.
+    """
+    clouds = [_body(xyz, height, foot_m) for xyz, height in zip(seen.xyz_m, seen.height_m, strict=True)]
+    heading = _headings(seen.velocity_mps, clouds, moving_mps)
+    clouds, sensor = _centred(clouds, seen, heading)
+    motions = register(
+        clouds, min_points=min_points, radius_m=radius_m, iterations=iterations, min_inlier_share=min_inlier_share
+    )
+    fitted = np.array([motion is not None for motion in motions], dtype=np.bool_)
+    if fitted.sum() < FEWEST_FRAMES:
+        fitted[:] = False
+    low, high = _edges(clouds)
+    middle, size = _model(clouds, motions, fitted, low, high, sensor, edge_share, min_aspect)
+    offset = _held(low, high, sensor, size)
+    for at in np.flatnonzero(fitted):
+        offset[at] = apply(inverse(motions[at]), [[*middle, 0.0]])[0, :2]
+    floor = seen.seven[:, 2] - seen.seven[:, 5] / 2
+    height_m = _reached(seen.seven[:, 5], edge_share)
+    boxes = np.empty((len(heading), 7))
+    boxes[:, :2] = seen.seven[:, :2] + along(_filled(offset), -heading)
+    boxes[:, 2] = floor + height_m / 2
+    boxes[:, 3:5] = size
+    boxes[:, 5] = height_m
+    boxes[:, 6] = wrap_angle(heading)
+    return boxes
+
+
+def _body(xyz_m: Floats, height_m: Floats, foot_m: float) -> Floats:
+    """The points that are not on the ground; all of them where there are no others."""
+    body = height_m >= foot_m
+    return xyz_m[body] if body.any() else xyz_m
+
+
+def _headings(velocity_mps: Floats, clouds_m: Sequence[Floats], moving_mps: float) -> Array:
+    """(T,) heading of each frame: that of motion, held through stops; the shape's where nothing moves."""
+    moves = np.hypot(velocity_mps[:, 0], velocity_mps[:, 1]) >= moving_mps
+    if not moves.any():
+        still = rectangle_heading(
+            np.concatenate(clouds_m)[:, :2], step_rad=FAN_STEP_RAD, floor_m=EDGE_FLOOR_M
+        )
+        return np.full(len(velocity_mps), still)
+    heading = np.unwrap(np.arctan2(velocity_mps[moves, 1], velocity_mps[moves, 0]))
+    return np.interp(np.arange(len(moves)), np.flatnonzero(moves), heading)
+
+
+def _centred(clouds_m: Sequence[Floats], seen: Sightings, heading: Array) -> tuple[list[Array], Array]:
+    """Points and (T, 2) sensor of each frame about the centre of its box, x along the heading."""
+    turned = []
+    for cloud, box, turn in zip(clouds_m, seen.seven, heading, strict=True):
+        flat = along(cloud[:, :2] - box[:2], turn)
+        turned.append(np.column_stack([flat, cloud[:, 2] - box[2]]))
+    return turned, along(seen.sensor_xy_m - seen.seven[:, :2], heading)
+
+
+def _edges(clouds_m: Sequence[Floats]) -> tuple[Array, Array]:
+    """(T, 2) lowest and highest coordinate of each cloud along and across; NaN where points are too few."""
+    low, high = np.full((len(clouds_m), 2), np.nan), np.full((len(clouds_m), 2), np.nan)
+    for at, cloud in enumerate(clouds_m):
+        if len(cloud) >= FEWEST:
+            low[at], high[at] = np.quantile(cloud[:, :2], (TRIM, 1 - TRIM), axis=0)
+    return low, high
+
+
+def _model(
+    clouds_m: Sequence[Floats],
+    motions: Sequence[Array | None],
+    fitted: Bools,
+    low: Array,
+    high: Array,
+    sensor: Array,
+    edge_share: float,
+    min_aspect: float,
+) -> tuple[Array, Array]:
+    """(2,) middle of the whole object in the axes of its densest cloud, and (2,) its length and width."""
+    if fitted.any():
+        laid = [apply(motions[at], clouds_m[at]) for at in np.flatnonzero(fitted)]
+        low, high = _edges(laid)
+        eye = np.array([apply(motions[at], [[*sensor[at], 0.0]])[0, :2] for at in np.flatnonzero(fitted)])
+        first, last = -_reached(-low, edge_share), _reached(high, edge_share)
+    else:
+        size = _reached(high - low, edge_share)
+        first, last, eye = -size / 2, size / 2, sensor
+    size = _completed(last - first, min_aspect)
+    # What is added lies behind the edge that faces the sensor.
+    near_is_first = eye.mean(axis=0) < (first + last) / 2
+    return np.where(near_is_first, first + size / 2, last - size / 2), size
+
+
+def _completed(size: Array, min_aspect: float) -> Array:
+    """Length and width of at least what a thing of that width or length has."""
+    length, width = size
+    if width > WIDE_M:
+        length = max(length, min_aspect * width)
+    if length > LONG_M:
+        width = max(width, VEHICLE_WIDTH_M)
+    return np.array([length, width])
+
+
+def _reached(values: Array, share: float) -> Array:
+    """The largest value that this share of the frames reaches, and at least two of them."""
+    values = values[np.isfinite(values).all(axis=tuple(range(1, values.ndim)))]
+    if not len(values):
+        return np.zeros(values.shape[1:])
+    rank = min(len(values), max(2, int(np.ceil(share * len(values)))))
+    return np.sort(values, axis=0)[-rank]
+
+
+def _held(low: Array, high: Array, sensor: Array, size: Array) -> Array:
+    """(T, 2) centre of a box of that size whose edge towards the sensor is where it was seen."""
+    beside = (low + high) / 2
+    return np.where(sensor > high, high - size / 2, np.where(sensor < low, low + size / 2, beside))
+
+
+def _filled(offset: Array) -> Array:
+    """The offsets with those of frames that show nothing between those of their neighbours."""
+    known = np.isfinite(offset).all(axis=1)
+    if not known.any():
+        return np.zeros_like(offset)
+    at = np.arange(len(offset))
+    return np.stack([np.interp(at, at[known], column[known]) for column in offset.T], axis=1)
