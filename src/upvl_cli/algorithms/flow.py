@@ -12,17 +12,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from upvl_cli.algorithms.clustering import NOISE, dbscan_voxels
-from upvl_cli.algorithms.flow_groups import Poses, sample, still, sums, turned
-from upvl_cli.algorithms.flow_motion import MIN_PAIRS, best_starts, icp, nearest_m, starts
-from upvl_cli.algorithms.flow_surface import NOISE_M, Surface, misfit, surface, tree_of
+from upvl_cli.algorithms.flow_groups import renumbered, sample, still
+from upvl_cli.algorithms.flow_motion import MIN_PAIRS, nearest_m
+from upvl_cli.algorithms.flow_pair import Pair, likeliest, seen
+from upvl_cli.algorithms.flow_parts import move_parts
+from upvl_cli.algorithms.flow_surface import NOISE_M, misfit, tree_of
 from upvl_cli.types import Floats, Ints
 
-SCREEN = 48  # points of a component that tell whether it may have moved,
-SEARCH = 80  # that look for its motion,
-REFINE = 400  # and that make it exact
-SEARCH_RADII_M = (1.0, 0.7, 0.5, 0.4, 0.3, 0.3, 0.3)
-REFINE_RADII_M = (0.3, 0.2, 0.2)
-FAR_MISFIT = 0.05  # what a metre of motion must gain: of two places that fit alike, the nearer is likelier
+SCREEN = 48  # points of a component that tell whether it may have moved
 
 
 def estimate(
@@ -50,34 +47,42 @@ def estimate(
         still_misfit: A component this close to the other sweep, in spacings of its points, stands still.
         min_gain: Motion must lower the misfit by this share.
     """
-    velocity = np.zeros((len(source_xyz_m), 3))
-    if not len(source_xyz_m) or not len(target_xyz_m):
-        return velocity
-    label = dbscan_voxels(
-        np.concatenate([source_xyz_m, target_xyz_m]), eps_m=eps_m, min_points=min_points, voxel_m=voxel_m
+    total = len(source_xyz_m)
+    if not total or not len(target_xyz_m):
+        return np.zeros((total, 3))
+    pair = Pair(
+        source_xyz_m,
+        target_xyz_m,
+        tree_of(target_xyz_m),
+        np.zeros((total, 3)),
+        np.zeros(total),
+        max_speed_mps * abs(dt_s),
+        still_misfit,
+        min_gain,
     )
-    of_source, of_target = np.split(label, [len(source_xyz_m)])
-    tree = tree_of(target_xyz_m)
-    restless = _restless(source_xyz_m, of_source, tree, still_misfit)
+    both = np.concatenate([source_xyz_m, target_xyz_m])
+    label = dbscan_voxels(both, eps_m=eps_m, min_points=min_points, voxel_m=voxel_m)
+    of_source, of_target = np.split(label, [total])
+    _move_components(pair, of_source, of_target)
+    move_parts(pair, of_source, of_target, eps_m=eps_m, min_points=min_points, voxel_m=voxel_m)
+    return pair.shift_m / dt_s
+
+
+def _move_components(pair: Pair, of_source: Ints, of_target: Ints) -> None:
+    """Give each component the motion that explains it better than standing still."""
+    restless = _restless(pair.source_m, of_source, pair.tree, pair.still_misfit)
+    of_source = renumbered(of_source, restless)
     # What stands still is nothing that something else has become; noise may be.
-    free_m = target_xyz_m[np.isin(of_target, [NOISE, *restless])]
-    if not len(restless) or not len(free_m):
-        return velocity
-    of_source, of_target = _renumbered(of_source, restless), _renumbered(of_target, restless)
-    free, reach_m = tree_of(free_m), max_speed_mps * abs(dt_s)
-    own_centre_m = _centres(target_xyz_m, of_target, len(restless))
-    poses = _searched(source_xyz_m, of_source, free, own_centre_m, reach_m)
-    found = _seen(source_xyz_m, of_source, len(restless), REFINE)
-    poses = icp(found.groups, free, poses, REFINE_RADII_M)
-    before, after = misfit(found, tree, still(found.groups)), misfit(found, free, poses)
-    way_m = np.linalg.norm(poses.place_m - found.groups.centre_m, axis=1)
-    moves = (before > still_misfit) & (after < (1 - min_gain) * before) & (way_m <= reach_m)
-    chosen = np.flatnonzero((of_source >= 0) & moves[of_source])
-    group = of_source[chosen]
-    local_m = source_xyz_m[chosen] - found.groups.centre_m[group]
-    moved_m = turned(poses.yaw_rad[group], local_m) + poses.place_m[group]
-    velocity[chosen] = (moved_m - source_xyz_m[chosen]) / dt_s
-    return velocity
+    free = (of_target == NOISE) | (renumbered(of_target, restless) >= 0)
+    if not len(restless) or not free.any():
+        return
+    of_free = renumbered(of_target[free], restless)
+    points, poses, after = likeliest(
+        pair, pair.source_m, of_source, pair.target_m[free], of_free, len(restless)
+    )
+    before = misfit(points, pair.tree, still(points.groups))
+    moves = (before > pair.still_misfit) & (after < (1 - pair.min_gain) * before)
+    pair.move(np.arange(len(of_source)), of_source, moves, points.groups, poses)
 
 
 def _restless(source_xyz_m: Floats, of_source: Ints, tree: cKDTree, still_misfit: float) -> Ints:
@@ -85,40 +90,5 @@ def _restless(source_xyz_m: Floats, of_source: Ints, tree: cKDTree, still_misfit
     total = int(of_source.max(initial=NOISE)) + 1
     groups = sample(source_xyz_m, of_source, total=total, most=SCREEN)
     off = np.flatnonzero((groups.size >= MIN_PAIRS) & (nearest_m(groups, tree, still(groups)) > NOISE_M))
-    seen = _seen(source_xyz_m, _renumbered(of_source, off), len(off), SCREEN)
-    return off[misfit(seen, tree, still(seen.groups)) > still_misfit]
-
-
-def _searched(
-    source_xyz_m: Floats, of_source: Ints, free: cKDTree, own_centre_m: Floats, reach_m: float
-) -> Poses:
-    """The likeliest pose of each component."""
-    seen = _seen(source_xyz_m, of_source, len(own_centre_m), SEARCH)
-    poses = best_starts(seen.groups, free, starts(seen.groups, free.data, own_centre_m, reach_m))
-    poses = icp(seen.groups, free, poses, SEARCH_RADII_M)
-    way_m = np.linalg.norm(poses.place_m - seen.groups.centre_m[poses.group], axis=1)
-    cost = misfit(seen, free, poses) + FAR_MISFIT * way_m
-    order = np.lexsort((cost, poses.group))
-    best = order[np.flatnonzero(np.diff(poses.group[order], prepend=-1))]
-    return poses[best]
-
-
-def _seen(source_xyz_m: Floats, of_source: Ints, total: int, most: int) -> Surface:
-    """A sample of each component, and the surface around its points."""
-    groups = sample(source_xyz_m, of_source, total=total, most=most)
-    return surface(groups, source_xyz_m[of_source >= 0])
-
-
-def _centres(xyz_m: Floats, group: Ints, total: int) -> Floats:
-    """(total, 3) mean of the points of each group; NaN where they are too few."""
-    size = np.bincount(group[group >= 0], minlength=total)[:, None]
-    mean_m = sums(group[group >= 0], xyz_m[group >= 0], total) / np.maximum(size, 1)
-    return np.where(size >= MIN_PAIRS, mean_m, np.nan)
-
-
-def _renumbered(label: Ints, kept: Ints) -> Ints:
-    """Labels as places in `kept`, which ascends; -1 for all others."""
-    place = np.searchsorted(kept, label)
-    found = place < len(kept)
-    found[found] = kept[place[found]] == label[found]
-    return np.where(found, place, NOISE)
+    points = seen(source_xyz_m, renumbered(of_source, off), len(off), SCREEN)
+    return off[misfit(points, tree, still(points.groups)) > still_misfit]

@@ -68,7 +68,7 @@ def sample(xyz_m: Floats, of_point: Ints, *, total: int, most: int) -> Groups:
     step = np.minimum(size, most)[group]
     # Every time that rank x step passes a multiple of the size, one point is taken.
     taken = rank * step // size[group] != (rank - 1) * step // size[group]
-    centre_m = sums(group, xyz_m[order], total) / np.maximum(size, 1)[:, None]
+    centre_m = centres(xyz_m[order], group, total)
     size = np.minimum(size, most)
     return Groups(xyz_m[order[taken]], np.cumsum(size) - size, size, centre_m)
 
@@ -106,3 +106,19 @@ def posed(groups: Groups, poses: Poses) -> tuple[Ints, Ints, Floats]:
     item, point = members(groups, poses.group)
     local_m = groups.xyz_m[point] - groups.centre_m[poses.group][item]
     return item, point, turned(poses.yaw_rad[item], local_m) + poses.place_m[item]
+
+
+def centres(values: Array, group: Ints, total: int) -> Floats:
+    """(total, d) mean of the rows of values over each group, -1 being none; NaN where a group has no row."""
+    held = group >= 0
+    size = np.bincount(group[held], minlength=total)[:, None].astype(np.float64)
+    size[size == 0] = np.nan
+    return np.asarray(sums(group[held], values[held], total) / size)
+
+
+def renumbered(label: Ints, kept: Ints) -> Ints:
+    """Labels as places in `kept`, which ascends; -1 for all others."""
+    if not len(kept):
+        return np.full(len(label), -1)
+    place = np.minimum(np.searchsorted(kept, label), len(kept) - 1)
+    return np.where(kept[place] == label, place, -1)

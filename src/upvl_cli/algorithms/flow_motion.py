@@ -1,11 +1,12 @@
-"""Where groups of points went: starts by a vote over displacements, then ICP, for all groups together."""
+"""Where groups of points went: starts by a vote over displacements, then ICP, all groups together."""
 
 from __future__ import annotations
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from upvl_cli.algorithms.flow_groups import Groups, Poses, posed, sums
+from upvl_cli.algorithms.flow_groups import Groups, Poses, posed, sums, turned
+from upvl_cli.algorithms.flow_surface import Surface
 from upvl_cli.types import Array, Floats, Ints
 
 VOTERS = 300  # points of the other sweep that vote for one group
@@ -15,6 +16,8 @@ VOTES = 3  # best cells that become starts
 STARTS = 2  # best starts that are followed, besides standing still
 CAP_M = 0.5  # a point without partner counts as this far off
 MIN_PAIRS = 5  # fewer fix no motion
+ALONG = 0.2  # weight of a flat patch along itself; across it is 1
+RIDGE = 1e-6  # keeps what nothing fixes (the turn of a pole) where it is
 CLOSE = 0.004  # metres and radians; a smaller step ends the search
 
 
@@ -78,16 +81,19 @@ def nearest_m(groups: Groups, tree: cKDTree, poses: Poses) -> Floats:
     return np.bincount(item, distance, len(poses.group)) / np.maximum(groups.size[poses.group], 1)
 
 
-def icp(groups: Groups, tree: cKDTree, poses: Poses, radii_m: tuple[float, ...]) -> Poses:
-    """Move each hypothesis to its own optimum: point-to-point ICP about the vertical.
+def icp(surface: Surface, tree: cKDTree, poses: Poses, radii_m: tuple[float, ...]) -> Poses:
+    """Move each hypothesis to its own optimum: ICP about the vertical, from patch to point.
+
+    A flat patch counts fully across, and by `ALONG` along itself: the rows of a scan, which lie
+    elsewhere on a surface in each sweep, must not draw each other.
 
     Args:
-        groups: Points to move.
+        surface: Points to move and what is known around them.
         tree: Points of the other sweep.
         poses: Where to begin.
         radii_m: Pairs further apart are left out, step by step.
 
-    Besl and McKay, A Method for Registration of 3-D Shapes, PAMI 1992.
+    Segal et al., Generalized-ICP, RSS 2009, with the covariance of one side only.
     """
     yaw_rad, place_m = poses.yaw_rad.copy(), poses.place_m.copy()
     active = np.arange(len(poses.group))
@@ -95,36 +101,36 @@ def icp(groups: Groups, tree: cKDTree, poses: Poses, radii_m: tuple[float, ...])
         if not len(active):
             break
         now = Poses(poses.group[active], yaw_rad[active], place_m[active])
-        found, yaw, place = _step(groups, tree, now, radius_m)
+        found, yaw, shift = _step(surface, tree, now, radius_m)
         moved = active[found]
-        change = np.abs(place - place_m[moved]).max(axis=1, initial=0) + np.abs(yaw - yaw_rad[moved])
-        yaw_rad[moved], place_m[moved] = yaw, place
+        yaw_rad[moved] += yaw
+        place_m[moved] += shift
+        change = np.abs(shift).max(axis=1, initial=0) + np.abs(yaw)
         active = moved[(change > CLOSE) | (radius_m > radii_m[-1])]
     return Poses(poses.group, yaw_rad, place_m)
 
 
-def _step(groups: Groups, tree: cKDTree, poses: Poses, radius_m: float) -> tuple[Array, Floats, Floats]:
-    """Which hypotheses found enough pairs, and the yaws and places that fit these best."""
-    item, point, place_m = posed(groups, poses)
+def _step(surface: Surface, tree: cKDTree, poses: Poses, radius_m: float) -> tuple[Ints, Floats, Floats]:
+    """Which hypotheses found enough pairs, and the turn and shift that bring these closer."""
+    item, point, place_m = posed(surface.groups, poses)
     distance, partner = tree.query(place_m, distance_upper_bound=radius_m)
     paired = np.isfinite(distance)
-    item, total = item[paired], len(poses.group)
-    local_m = groups.xyz_m[point[paired]] - groups.centre_m[poses.group][item]
-    return _fit(local_m, tree.data[partner[paired]], item, total)
-
-
-def _fit(local_m: Floats, goal_m: Floats, item: Ints, total: int) -> tuple[Array, Floats, Floats]:
-    """Least squares yaw and place of each item from its pairs; as `registration.fit_yaw`, for all at once."""
-    count = np.bincount(item, minlength=total)
-    share = np.maximum(count, 1)[:, None]
-    middle, goal = sums(item, local_m, total) / share, sums(item, goal_m, total) / share
-    x, y, _ = (local_m - middle[item]).T
-    u, v, _ = (goal_m - goal[item]).T
-    yaw = np.arctan2(np.bincount(item, x * v - y * u, total), np.bincount(item, x * u + y * v, total))
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    back = np.stack(
-        [cos * middle[:, 0] - sin * middle[:, 1], sin * middle[:, 0] + cos * middle[:, 1], middle[:, 2]],
-        axis=1,
-    )
-    found = np.flatnonzero(count >= MIN_PAIRS)
-    return found, yaw[found], (goal - back)[found]
+    item, point, place_m = item[paired], point[paired], place_m[paired]
+    way_m = tree.data[partner[paired]] - place_m
+    arm_m = place_m - poses.place_m[item]
+    # Of each point the columns turn, x, y, z and the way to go.
+    columns = np.zeros((len(item), 3, 5))
+    columns[:, 0, 0], columns[:, 1, 0] = -arm_m[:, 1], arm_m[:, 0]
+    columns[:, 0, 1] = columns[:, 1, 2] = columns[:, 2, 3] = 1
+    columns[:, :, 4] = way_m
+    flat = surface.flat[point]
+    normal = turned(poses.yaw_rad[item], surface.normal[point])
+    across = np.einsum("ni,nij->nj", normal, columns) * np.where(flat, np.sqrt(1 - ALONG), 0.0)[:, None]
+    rows = np.einsum("nij,nik->njk", columns, columns) * np.where(flat, ALONG, 1.0)[:, None, None]
+    rows += across[:, :, None] * across[:, None]
+    total = len(poses.group)
+    found = np.flatnonzero(np.bincount(item, minlength=total) >= MIN_PAIRS)
+    system = sums(item, rows.reshape(-1, 25), total).reshape(total, 5, 5)[found]
+    scale = np.trace(system[:, :4, :4], axis1=1, axis2=2)[:, None, None]
+    step = np.linalg.solve(system[:, :4, :4] + RIDGE * scale * np.eye(4), system[:, :4, 4:])[..., 0]
+    return found, step[:, 0], step[:, 1:]
