@@ -12,13 +12,15 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from upvl_cli.algorithms.clustering import NOISE, dbscan_voxels
-from upvl_cli.algorithms.flow_groups import renumbered, sample, still
+from upvl_cli.algorithms.flow_groups import Groups, Poses, posed, renumbered, sample, still
 from upvl_cli.algorithms.flow_motion import MIN_PAIRS, nearest_m
 from upvl_cli.algorithms.flow_pair import Pair, likeliest, seen
 from upvl_cli.algorithms.flow_parts import move_parts
 from upvl_cli.algorithms.flow_surface import NOISE_M, misfit, tree_of
-from upvl_cli.types import Floats, Ints
+from upvl_cli.algorithms.voxels import voxelize
+from upvl_cli.types import Bools, Floats, Ints
 
+CLAIM_M = 0.5  # edge of the places that only one thing can be in
 SCREEN = 48  # points of a component that tell whether it may have moved
 
 
@@ -82,7 +84,20 @@ def _move_components(pair: Pair, of_source: Ints, of_target: Ints) -> None:
     )
     before = misfit(points, pair.tree, still(points.groups))
     moves = (before > pair.still_misfit) & (after < (1 - pair.min_gain) * before)
+    gain = np.bincount(of_source[of_source >= 0]) * (before - after)
+    moves[moves] = _undisputed(points.groups, poses[moves], gain[moves])
     pair.move(np.arange(len(of_source)), of_source, moves, points.groups, poses)
+
+
+def _undisputed(groups: Groups, poses: Poses, gain: Floats) -> Bools:
+    """Which of some motions lead to places of which at least half are not another's, which explains more."""
+    item, _, place_m = posed(groups, poses)
+    place = voxelize(place_m, voxel_m=CLAIM_M).of_point
+    place, item = np.divmod(np.unique(place * len(gain) + item), max(len(gain), 1))
+    highest = np.zeros(place.max(initial=-1) + 1)
+    np.maximum.at(highest, place, gain[item])
+    kept = np.bincount(item, gain[item] >= highest[place], len(gain))
+    return np.asarray(2 * kept >= np.bincount(item, minlength=len(gain)))
 
 
 def _restless(source_xyz_m: Floats, of_source: Ints, tree: cKDTree, still_misfit: float) -> Ints:

@@ -11,12 +11,13 @@ from upvl_cli.types import Array, Floats, Ints
 
 VOTERS = 300  # points of the other sweep that vote for one group
 CELL_M = 0.3  # of the vote
-LEVEL_M = 0.2  # pairs that differ more in height do not vote
+RISE_M = 0.2  # pairs that differ more in height do not vote
 VOTES = 3  # best cells that become starts
 STARTS = 2  # best starts that are followed, besides standing still
 CAP_M = 0.5  # a point without partner counts as this far off
 MIN_PAIRS = 5  # fewer fix no motion
 ALONG = 0.2  # weight of a flat patch along itself; across it is 1
+LEVEL = 0.1  # weight of staying at the same height, against the pairs: what stands on the ground hardly rises
 RIDGE = 1e-6  # keeps what nothing fixes (the turn of a pole) where it is
 CLOSE = 0.004  # metres and radians; a smaller step ends the search
 
@@ -51,12 +52,12 @@ def starts(groups: Groups, target_m: Floats, own_centre_m: Floats, reach_m: floa
 
 def _voted(mine_m: Floats, target_m: Floats, reach_m: float) -> Array:
     """(k, 2) displacements that most pairs of points agree on."""
-    grown = np.array([reach_m, reach_m, LEVEL_M])
+    grown = np.array([reach_m, reach_m, RISE_M])
     low, high = mine_m.min(axis=0) - grown, mine_m.max(axis=0) + grown
     near = target_m[((target_m >= low) & (target_m <= high)).all(axis=1)]
     near = near[:: max(1, len(near) // VOTERS)]
     way_m = near[:, None] - mine_m
-    counts = (np.abs(way_m[..., 2]) < LEVEL_M) & ((way_m[..., :2] ** 2).sum(axis=-1) <= reach_m**2)
+    counts = (np.abs(way_m[..., 2]) < RISE_M) & ((way_m[..., :2] ** 2).sum(axis=-1) <= reach_m**2)
     half = int(reach_m / CELL_M) + 1
     x, y = np.floor(way_m[counts][:, :2] / CELL_M).astype(np.int64).T + half
     votes = np.bincount(x * 2 * half + y, minlength=4 * half * half)
@@ -131,6 +132,10 @@ def _step(surface: Surface, tree: cKDTree, poses: Poses, radius_m: float) -> tup
     total = len(poses.group)
     found = np.flatnonzero(np.bincount(item, minlength=total) >= MIN_PAIRS)
     system = sums(item, rows.reshape(-1, 25), total).reshape(total, 5, 5)[found]
+    count = np.bincount(item, minlength=total)[found]
+    rise_m = poses.place_m[found, 2] - surface.groups.centre_m[poses.group[found], 2]
+    system[:, 3, 3] += LEVEL * count
+    system[:, 3, 4] -= LEVEL * count * rise_m
     scale = np.trace(system[:, :4, :4], axis1=1, axis2=2)[:, None, None]
     step = np.linalg.solve(system[:, :4, :4] + RIDGE * scale * np.eye(4), system[:, :4, 4:])[..., 0]
     return found, step[:, 0], step[:, 1:]
