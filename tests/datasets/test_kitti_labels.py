@@ -135,6 +135,11 @@ BAD_TRACKLETS = {
     "half a frame": (lambda path: replace_in(path, "frame>0", "frame>0.5"), "first_frame is 0.5"),
     "a frame before the first": (lambda path: replace_in(path, "frame>0", "frame>-1"), "first_frame is -1"),
     "a frame without end": (lambda path: replace_in(path, "frame>0", "frame>1e300"), "first_frame is 1e"),
+    "a place without end": (
+        lambda path: replace_in(path, "<ty>2.5", "<ty>1e300"),
+        r"tracklet 0: 1e\+300 m is too far, expected at most 10000 m",
+    ),
+    "a size without end": (lambda path: replace_in(path, "<w>1.8", "<w>1e300"), "tracklet 0: 1e.300 m is"),
     "a place missing": (
         lambda path: replace_in(path, "<ty>2.5</ty>", ""),
         r"tracklet 0, pose 0 \(tx, ty, tz, rz\)",
@@ -226,6 +231,7 @@ BAD_OBJECTS = {
     "too few": ("Car 1 2 3\n", r"0000000001.txt, line 1 holds '1 2 3', 3 fields; expected 14"),
     "NaN": (f"\nCar {'nan ' * 14}\n", "0000000001.txt, line 2"),
     "a size of 0": (f"Car {'0 ' * 14}\n", "must be above 0"),
+    "a place without end": (f"Car {'1 ' * 10} 1e300 1 1 1\n", r"line 1: size and place .* within 10000 m"),
 }
 
 

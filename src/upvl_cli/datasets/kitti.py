@@ -36,7 +36,10 @@ class Kitti:
         """
         if segment not in self._folders:
             raise BadInput(f"{self._root} has no segment {segment!r}; {self._suggestion(segment)}")
-        return open_drive(self._folders[segment])
+        try:
+            return open_drive(self._folders[segment])
+        except OSError as error:  # a folder that may not be looked into
+            raise _unreadable(self._folders[segment], error) from None
 
     def _suggestion(self, segment: str) -> str:
         if len(self.segments) <= _MOST_NAMES:
@@ -46,11 +49,22 @@ class Kitti:
         return f"of its {len(self.segments)} segments {names}"
 
 
+def _parents(root: Path, pattern: str) -> list[Path]:
+    try:
+        return sorted(found.parent for found in root.glob(pattern))
+    except OSError as error:
+        raise _unreadable(root, error) from None
+
+
+def _unreadable(folder: Path, error: OSError) -> BadInput:
+    return BadInput(f"{folder} cannot be read ({error.strerror}); check that it is there and readable")
+
+
 def _drive_folders(root: Path) -> dict[str, Path]:
     root = Path(os.path.abspath(root))  # a root `.` has no name; links stay as they are
     folders: dict[str, Path] = {}
     for pattern in ("velodyne_points", "*/velodyne_points", "*/*/velodyne_points"):
-        for folder in sorted(sweeps.parent for sweeps in root.glob(pattern)):
+        for folder in _parents(root, pattern):
             if not _NAME.fullmatch(folder.name):
                 raise BadInput(
                     f"{folder}: a drive's name holds letters, digits, '.', '_', '-' only; rename it"

@@ -15,6 +15,9 @@ from upvl_cli.types import Array, Camera
 _NUMBERS = ("00", "01", "02", "03")
 # The files round their rotations at 1e-6 or finer; a thousandth is a wrong file, not rounding.
 _ROTATION_TOLERANCE = 1e-3
+_MOST_M = 100.0  # all sensors are on one car
+_MOST_WIDTH_PX = 65535
+_FOCAL_PX = (1.0, 1e6)
 
 
 @dataclass(frozen=True)
@@ -63,7 +66,9 @@ class _Fields:
 
     def rotation(self, key: str) -> Array:
         matrix = self.numbers(key, 9).reshape(3, 3)
-        skew = np.abs(matrix @ matrix.T - np.eye(3)).max()
+        # Clipped, so that no number is too large to multiply; what was clipped is no rotation.
+        within = np.clip(matrix, -10, 10)
+        skew = np.abs(within @ within.T - np.eye(3)).max()
         if not skew < _ROTATION_TOLERANCE or not np.linalg.det(matrix) > 0:
             raise BadInput(
                 f"{self.where(key)}: {key} is not a rotation (off by {skew:.2g}); copy the file again"
@@ -71,7 +76,16 @@ class _Fields:
         return matrix
 
     def pose(self) -> Array:
-        return _rigid(self.rotation("R"), self.numbers("T", 3))
+        translation_m = self.numbers("T", 3)
+        self.check_on_car("T", translation_m)
+        return _rigid(self.rotation("R"), translation_m)
+
+    def check_on_car(self, key: str, translation_m: Array) -> None:
+        if not np.abs(translation_m).max() <= _MOST_M:
+            raise BadInput(
+                f"{self.where(key)}: {key} moves by {np.abs(translation_m).max():.3g} m, expected at most "
+                f"{_MOST_M:g} m on one car; copy the file again"
+            )
 
 
 def read_calibration(folder: Path) -> Calibration:
@@ -102,14 +116,19 @@ def _camera(fields: _Fields, number: str, rect_from_ego: Array) -> Camera:
     size_px = fields.numbers(f"S_rect_{number}", 2)
     projection = fields.numbers(f"P_rect_{number}", 12).reshape(3, 4)
     intrinsic = projection[:, :3]
-    if not (size_px >= 1).all() or not np.array_equal(size_px, np.round(size_px)):
+    if not ((size_px >= 1) & (size_px <= _MOST_WIDTH_PX)).all() or not np.array_equal(
+        size_px, np.round(size_px)
+    ):
         raise BadInput(f"{fields.where(f'S_rect_{number}')}: {size_px} is no size of an image in pixels")
-    if not (intrinsic.diagonal() > 0).all() or not np.array_equal(intrinsic[2], (0, 0, 1)):
+    if not _is_pinhole(intrinsic):
         raise BadInput(
-            f"{fields.where(f'P_rect_{number}')}: P_rect_{number} is not [K | k] of a pinhole camera"
+            f"{fields.where(f'P_rect_{number}')}: P_rect_{number} is not [K | k] of a pinhole camera with a "
+            f"focal length of {_FOCAL_PX[0]:g} to {_FOCAL_PX[1]:g} pixels; copy the file again"
         )
     # P_rect = K [I | t]: t leads from the reference camera to this one, the baseline and its small rest.
-    camera_from_rect = _rigid(np.eye(3), np.linalg.solve(intrinsic, projection[:, 3]))
+    baseline_m = np.linalg.solve(intrinsic, projection[:, 3])
+    fields.check_on_car(f"P_rect_{number}", baseline_m)
+    camera_from_rect = _rigid(np.eye(3), baseline_m)
     return Camera(
         name=f"image_{number}",
         width_px=int(size_px[0]),
@@ -117,6 +136,16 @@ def _camera(fields: _Fields, number: str, rect_from_ego: Array) -> Camera:
         intrinsic=intrinsic,
         distortion=np.zeros(5),  # the images are rectified
         ego_from_camera=np.linalg.inv(camera_from_rect @ rect_from_ego),
+    )
+
+
+def _is_pinhole(intrinsic: Array) -> bool:
+    focal_px = intrinsic.diagonal()[:2]
+    return bool(
+        (focal_px >= _FOCAL_PX[0]).all()
+        and np.abs(intrinsic).max() <= _FOCAL_PX[1]
+        and intrinsic[1, 0] == 0
+        and np.array_equal(intrinsic[2], (0, 0, 1))
     )
 
 

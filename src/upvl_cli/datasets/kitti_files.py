@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +15,7 @@ from upvl_cli.errors import BadInput
 from upvl_cli.types import Array, Points
 
 _POINT_BYTES = 16  # x, y, z, reflectance as little-endian float32
+_MOST_M = 1e4  # a LiDAR sees a few hundred metres; farther is no place but a damaged number
 _NUMBER = "[0-9]" * 10  # a file is named by its frame, in ten digits
 
 
@@ -21,7 +25,7 @@ def numbered_files(folder: Path, suffix: str) -> dict[int, Path]:
 
 
 def read_sweep(path: Path) -> Points:
-    """The points of a `.bin`; raises `BadInput` where it is missing, empty, cut off or not finite."""
+    """The points of a `.bin`; raises `BadInput` where it is missing, cut off or no sweep."""
     content = read_bytes(path)
     if not content or len(content) % _POINT_BYTES:
         raise BadInput(
@@ -35,6 +39,12 @@ def read_sweep(path: Path) -> Points:
             f"{path}: {wrong} of {len(values)} points are NaN or infinite, expected finite numbers; "
             "copy it again, or remove it to skip it"
         )
+    far = np.count_nonzero((np.abs(values[:, :3]) > _MOST_M).any(axis=1))
+    if far:
+        raise BadInput(
+            f"{path}: {far} of {len(values)} points are more than {_MOST_M / 1000:g} km away, which no LiDAR "
+            "sees; copy it again, or remove it to skip it"
+        )
     return Points(
         xyz_ego_m=np.ascontiguousarray(values[:, :3]),
         intensity=np.ascontiguousarray(values[:, 3]),
@@ -46,11 +56,8 @@ def read_sweep(path: Path) -> Points:
 
 def check_picture(path: Path, width_px: int, height_px: int) -> None:
     """Nothing where the header of a PNG has this size; raises `BadInput` otherwise."""
-    try:
-        with Image.open(path, formats=("PNG",)) as picture:
-            found_px = picture.size
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        raise _damaged(path, error) from None
+    with _opened(path) as picture:
+        found_px = picture.size
     if found_px != (width_px, height_px):
         raise BadInput(
             f"{path} is {found_px[0]} x {found_px[1]} pixels, but S_rect of calib_cam_to_cam.txt says "
@@ -61,15 +68,18 @@ def check_picture(path: Path, width_px: int, height_px: int) -> None:
 def read_picture(path: Path, width_px: int, height_px: int) -> Array:
     """The (height, width, 3) uint8 of a PNG; raises `BadInput` where it is damaged or of another size."""
     check_picture(path, width_px, height_px)
+    with _opened(path) as picture:
+        return np.array(picture.convert("RGB"))
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Image.Image]:
+    """A PNG while it is read; what is wrong with it is raised as `BadInput`, and said but once."""
     try:
-        with Image.open(path, formats=("PNG",)) as picture:
-            return np.array(picture.convert("RGB"))
-    except (OSError, SyntaxError, ValueError) as error:
-        raise _damaged(path, error) from None
-
-
-def _damaged(path: Path, error: Exception) -> BadInput:
-    reason = getattr(error, "strerror", None) or "not a whole PNG"
-    return BadInput(
-        f"{path} cannot be read ({reason}); copy it again, or remove it to do without this picture"
-    )
+        with warnings.catch_warnings(action="ignore"), Image.open(path, formats=("PNG",)) as picture:
+            yield picture
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        reason = getattr(error, "strerror", None) or "not a whole PNG"
+        raise BadInput(
+            f"{path} cannot be read ({reason}); copy it again, or remove it to do without this picture"
+        ) from None

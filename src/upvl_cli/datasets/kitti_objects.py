@@ -13,6 +13,7 @@ from upvl_cli.types import Array
 
 # After the kind: truncated, occluded, alpha, the image box (4), h, w, l, x, y, z, rotation_y.
 _FIELDS = 14
+_MOST_M = 1e4  # a LiDAR sees a few hundred metres
 
 
 def read_objects(path: Path, ego_from_rect: Array) -> tuple[list[str], Array]:
@@ -32,6 +33,11 @@ def read_objects(path: Path, ego_from_rect: Array) -> tuple[list[str], Array]:
             values = numbers(text, _FIELDS, f"{path}, line {number}")
             if not (values[7:10] > 0).all():
                 raise BadInput(f"{path}, line {number}: height, width, length {values[7:10]} must be above 0")
+            if not np.abs(values[7:13]).max() <= _MOST_M:
+                raise BadInput(
+                    f"{path}, line {number}: size and place {values[7:13].tolist()} must be within "
+                    f"{_MOST_M:g} m; copy the file again"
+                )
             kinds.append(kind)
             rows.append(values)
     return kinds, _seven(np.array(rows).reshape(-1, _FIELDS), ego_from_rect)

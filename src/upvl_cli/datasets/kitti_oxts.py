@@ -13,6 +13,8 @@ from upvl_cli.types import Array
 
 _EARTH_RADIUS_M = 6378137.0  # the radius of KITTI's own projection (and of WGS 84 at the equator)
 _FIELDS = 30
+_ALTITUDE_M = (-1000.0, 10_000.0)  # the Dead Sea lies at -430 m, the highest road at 5800 m
+_MOST_WAY_M = 1e6  # from the first frame: more than a car drives in a day
 
 
 def world_from_ego(records: Mapping[int, Path], frames: Sequence[int], ego_from_imu: Array) -> Array:
@@ -31,6 +33,12 @@ def world_from_ego(records: Mapping[int, Path], frames: Sequence[int], ego_from_
     values = np.array([_read_record(records[frame]) for frame in frames]).reshape(-1, 6)
     poses = world_from_imu(values, first_latitude_deg=first_latitude_deg) @ np.linalg.inv(ego_from_imu)
     poses[:, :3, 3] -= poses[:1, :3, 3]
+    far = np.flatnonzero(np.abs(poses[:, :3, 3]).max(axis=1) > _MOST_WAY_M)
+    if len(far):
+        raise BadInput(
+            f"{records[frames[far[0]]]}, line 1 lies {np.abs(poses[far[0], :3, 3]).max() / 1000:.0f} km from "
+            f"{records[frames[0]].name}, expected one drive; copy the files again"
+        )
     return poses
 
 
@@ -70,5 +78,14 @@ def _rotation(roll: Array, pitch: Array, yaw: Array) -> Array:
 def _read_record(path: Path) -> Array:
     values = numbers(read_text(path), _FIELDS, f"{path}, line 1")[:6]
     if not abs(values[0]) < 90 or not abs(values[1]) <= 180:
-        raise BadInput(f"{path}, line 1: latitude {values[0]}, longitude {values[1]} are no place on Earth")
+        raise BadInput(
+            f"{path}, line 1: latitude {values[0]:g}, longitude {values[1]:g} are no place on Earth"
+        )
+    if not _ALTITUDE_M[0] < values[2] < _ALTITUDE_M[1]:
+        raise BadInput(f"{path}, line 1: no road has an altitude of {values[2]:g} m; copy the file again")
+    if not np.abs(values[3:]).max() <= 2 * np.pi:
+        raise BadInput(
+            f"{path}, line 1: roll, pitch and yaw are {values[3:].tolist()}, expected radians in a turn; "
+            "copy the file again"
+        )
     return values

@@ -10,6 +10,7 @@ import numpy as np
 from upvl_cli.errors import BadInput
 from upvl_cli.types import Array
 
+_MOST_HOURS = 24  # one drive lasts minutes, and the files of a set are of one day
 _TIME = re.compile(r"(19|20)\d\d-\d\d-\d\d \d\d:\d\d:\d\d(\.\d{1,9})?")
 
 
@@ -57,19 +58,34 @@ def read_times(path: Path) -> dict[int, int]:
 
     Returns:
         Frame number to nanoseconds since 1970; a blank line gives its frame no time. Raises `BadInput`
-        for any other line that is not `YYYY-MM-DD HH:MM:SS.fffffffff`.
+        for any other line that is not `YYYY-MM-DD HH:MM:SS.fffffffff`, and where two are a day apart.
     """
     times = {}
     for frame, line in enumerate(read_text(path).splitlines()):
         if line.strip():
             times[frame] = _nanoseconds(line.strip(), f"{path}, line {frame + 1}")
+    _check_span(times, path)
     return times
+
+
+def _check_span(times: dict[int, int], path: Path) -> None:
+    if not times:
+        return
+    first, last = min(times, key=times.__getitem__), max(times, key=times.__getitem__)
+    hours = (times[last] - times[first]) / 3.6e12
+    if hours > _MOST_HOURS:
+        raise BadInput(
+            f"{path}, lines {first + 1} and {last + 1} are {hours:.0f} hours apart, expected less than "
+            f"{_MOST_HOURS} in one drive; mend the wrong one"
+        )
 
 
 def _nanoseconds(text: str, where: str) -> int:
     try:
-        if _TIME.fullmatch(text):
-            return int(np.datetime64(text, "ns").astype(np.int64))
+        if _TIME.fullmatch(text) and (time_ns := int(np.datetime64(text, "ns").astype(np.int64))) >= 0:
+            return time_ns
     except ValueError:  # a month 13 or the like
         pass
-    raise BadInput(f"{where} holds {text[:80]!r}; expected a time such as 2011-09-26 13:02:25.594360375")
+    raise BadInput(
+        f"{where} holds {text[:80]!r}; expected a time since 1970 such as 2011-09-26 13:02:25.594360375"
+    )
