@@ -75,7 +75,8 @@ def sample(xyz_m: Floats, of_point: Ints, *, total: int, most: int) -> Groups:
 
 def sums(group: Ints, values: Array, total: int) -> Array:
     """(total, d) sum of the rows of values over each group."""
-    return np.stack([np.bincount(group, column, total) for column in values.T], axis=1)
+    columns = [np.bincount(group, column, total) for column in values.T]
+    return np.stack(columns, axis=1).astype(np.float64)  # of nothing, bincount gives integers
 
 
 def members(groups: Groups, group: Ints) -> tuple[Ints, Ints]:
