@@ -44,6 +44,7 @@ LABELS = re.compile(
     rf"{PACKAGE}\.datasets\.(label_sources|\w+_labels|\w+_truth|kitti_tracklets|kitti_objects)\b"
 )
 MAY_OPEN_FILES = {
+    "contents",
     "datasets",
     "tables",
     "settings",

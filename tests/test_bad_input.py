@@ -80,8 +80,12 @@ def test_a_missing_sweep_is_counted(drive: TinyDrive, workspace: Path) -> None:
 @pytest.mark.parametrize(
     ("stage", "key", "value", "message"),
     [
-        ("mask", "min_speed_mps", "-1", "min_speed_mps = -1.0 must be >= 0 m/s"),
-        ("mask", "min_speed_mps", "nan", "min_speed_mps = nan must be >= 0 m/s"),
+        ("mask", "min_speed_mps", "-1", "min_speed_mps = -1.0 must be >= 0"),
+        ("mask", "min_speed_mps", "nan", "min_speed_mps = nan must be >= 0"),
+        ("mask", "min_speed_mps", "inf", "min_speed_mps = inf must be >= 0"),
+        ("mask", "min_speed_mps", "9" * 400, "min_speed_mps = inf must be >= 0"),
+        ("mask", "min_speed_mps", "9" * 5000, "is not valid TOML"),
+        ("mask", "min_speed_mps", "[" * 500, "is not valid TOML"),
         ("propose", "max_background_share", "1.5", "must be >= 0 and <= 1"),
         ("propose", "min_points", '"few"', "min_points = 'few' must be a whole number"),
         ("raw", "dataset", '"kiti"', "dataset = 'kiti' must be one of kitti, synthetic"),
@@ -153,8 +157,15 @@ def test_a_damaged_shard_is_made_again(workspace: Path) -> None:
     assert path.read_bytes() == whole
 
 
-def test_new_files_of_a_drive_remake_its_shards(workspace: Path, drive: TinyDrive) -> None:
+def test_new_content_of_a_drive_remakes_its_shards_whatever_its_date_and_size(
+    workspace: Path, drive: TinyDrive
+) -> None:
     assert "made" in upvl(workspace, "odometry").stdout
-    assert "made" not in upvl(workspace, "odometry").stdout
     os.utime(sweep(drive))
+    assert "made" not in upvl(workspace, "odometry").stdout
+    found, content = sweep(drive).stat(), bytearray(sweep(drive).read_bytes())
+    content[:4] = content[16:20]
+    sweep(drive).write_bytes(content)
+    os.utime(sweep(drive), ns=(found.st_atime_ns, found.st_mtime_ns))
+    assert "the drive's files have changed" in upvl(workspace, "status", COLUMNS="200").stdout
     assert "made" in upvl(workspace, "odometry").stdout

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
 from command import ROOT, UPVL, fails, make_workspace, set_value, upvl
-from upvl_cli.stages import STAGES
+from tiny_kitti import write_drive
+from upvl_cli.stages import BY_NAME, STAGES
+from upvl_cli.tables import Table, write
 
 
 @pytest.fixture(scope="module")
@@ -126,9 +130,9 @@ def test_what_cannot_be_done_is_one_line(labelled: Path, arguments: list[str], m
 
 
 def test_a_typo_is_answered_with_the_right_word(labelled: Path) -> None:
-    done = upvl(labelled, "autolable")
-    assert done.returncode == 2
-    assert "Did you mean 'autolabel'" in done.stderr
+    assert "No such command 'autolable'. Did you mean 'autolabel'" in fails(labelled, "autolable")
+    assert "No such option: --min-speed" in fails(labelled, "mask", "--min-speed", "2")
+    assert "Invalid value for '--workers'" in fails(labelled, "flow", "--workers", "0")
 
 
 def test_outside_a_workspace(tmp_path: Path) -> None:
@@ -164,6 +168,117 @@ def test_make_makes_the_same_bytes_and_then_nothing(labelled: Path, tmp_path: Pa
     assert shards(folder) == shards(labelled)
     again = subprocess.run(make, cwd=folder, capture_output=True, text=True)
     assert not [line for line in again.stdout.splitlines() if line.startswith("made ")]
+
+
+def test_a_clock_that_jumped_neither_blocks_nor_remakes(copy: Path) -> None:
+    ahead = time.time() + 3600
+    for path in copy.glob("out/*/*"):
+        os.utime(path, (ahead, ahead))
+    os.utime(copy / "out" / "nms" / "street-0.parquet", (0, 0))
+    assert made(upvl(copy, "autolabel", "--moving-only")) == []
+    shutil.copy(ROOT / "workspace.mk", copy / "Makefile")
+    make = ["make", f"UPVL_COMMAND={UPVL}", "nms"]
+    assert "made " not in subprocess.run(make, cwd=copy, capture_output=True, text=True, check=True).stdout
+    assert subprocess.run([*make, "--question"], cwd=copy, capture_output=True).returncode in (0, 1)
+
+
+def damage(path: Path) -> None:
+    """Turn some bytes of the pages round, and leave size and time as they are."""
+    content, found = bytearray(path.read_bytes()), path.stat()
+    middle = len(content) // 4
+    content[middle : middle + 40] = bytes(255 - byte for byte in content[middle : middle + 40])
+    path.write_bytes(content)
+    os.utime(path, ns=(found.st_mtime_ns, found.st_mtime_ns))
+
+
+@pytest.mark.parametrize("command", [["summary"], ["draw"], ["eval", "--class-agnostic"]])
+def test_a_damaged_shard_is_named(copy: Path, command: list[str]) -> None:
+    damage(copy / "out" / "nms" / "street-0.parquet")
+    assert "out/nms/street-0.parquet is damaged" in fails(copy, *command)
+
+
+def test_a_damaged_input_is_named_and_nothing_else_is_blamed(copy: Path) -> None:
+    damage(copy / "out" / "ground" / "street-0.parquet")
+    set_value(copy, "flow", "min_points", "11")
+    assert "out/ground/street-0.parquet is damaged" in fails(copy, "autolabel", "--moving-only")
+
+
+@pytest.mark.parametrize("content", [b"null", b"\xff", b"[1,2]{}", b'{"stage":"flow"}', b"[" * 100_000])
+def test_what_is_no_mark_and_no_timing_is_passed_over(copy: Path, content: bytes) -> None:
+    for name in ("runs.jsonl", "flow.stamp", "raw/street-0.stamp", "raw/street-0.seen"):
+        (copy / "out" / name).write_bytes(content)
+    assert upvl(copy, "status").returncode == 0
+    assert made(upvl(copy, "autolabel", "--moving-only")) == []
+
+
+def test_a_footer_that_is_no_stamp_is_remade(copy: Path) -> None:
+    path = copy / "out" / "mask" / "street-0.parquet"
+    before = path.read_bytes()
+    table = Table(path, BY_NAME["mask"].row)
+    write(path, BY_NAME["mask"].row, list(table), stamp="[]", counts={})
+    assert made(upvl(copy, "autolabel", "--moving-only")) == ["mask"]
+    assert path.read_bytes() == before
+
+
+def test_two_runs_at_once_share_the_work(tmp_path: Path) -> None:
+    folder = make_workspace(tmp_path)
+    runs = [subprocess.Popen([UPVL, "autolabel", "--moving-only"], cwd=folder, stdout=subprocess.DEVNULL,
+                             stderr=subprocess.PIPE) for _ in range(2)]  # fmt: skip
+    assert [run.wait(timeout=300) for run in runs] == [0, 0]
+    assert len((folder / "out" / "runs.jsonl").read_text().splitlines()) == len(STAGES)
+
+
+def test_a_part_file_that_leads_elsewhere_is_not_followed(copy: Path, tmp_path: Path) -> None:
+    outside = tmp_path / "outside"
+    outside.write_text("mine")
+    (copy / "out" / "nms" / "street-0.parquet").unlink()
+    (copy / "out" / "nms" / ".street-0.parquet.part").symlink_to(outside)
+    assert made(upvl(copy, "autolabel", "--moving-only")) == ["nms"]
+    assert outside.read_text() == "mine"
+    assert not (copy / "out" / "nms" / "street-0.parquet").is_symlink()
+
+
+@pytest.mark.parametrize("text", ["abc", "", "-1", "1.5", "99999"])
+def test_a_number_of_threads_that_is_none(labelled: Path, text: str) -> None:
+    set_value(labelled, "ground", "cell_m", "1.0")
+    done = upvl(labelled, "ground", UPVL_THREADS=text, UPVL_OUT=f"out-{text}")
+    assert done.returncode == 2
+    assert "expected a whole number" in done.stderr
+
+
+def test_stopped_before_anything_is_loaded(tmp_path: Path) -> None:
+    for wait_s in (0.1, 0.2, 0.3):
+        process = subprocess.Popen([UPVL, "--help"], cwd=tmp_path, stdout=subprocess.DEVNULL,
+                                   stderr=subprocess.PIPE, text=True)  # fmt: skip
+        time.sleep(wait_s)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=30)
+        # Before Python itself is up, nothing of ours can answer.
+        assert process.returncode in (0, 130) or (process.returncode < 0 and wait_s < 0.2)
+        assert "Error calling" not in errors
+
+
+def test_a_killed_parent_leaves_no_workers(tmp_path: Path) -> None:
+    drives = [write_drive(tmp_path / "drives", drive=number) for number in (1, 2)]
+    folder = make_workspace(tmp_path / "w", raw__dataset='"kitti"', raw__root=f'"{drives[0].root}"')
+    process = subprocess.Popen([UPVL, "autolabel", "--moving-only", "--workers", "2"], cwd=folder,
+                               stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)  # fmt: skip
+    time.sleep(1.5)
+    process.kill()
+    assert process.stdout is not None
+    process.stdout.read()  # ends only when no child holds the other end
+    process.wait(timeout=10)
+
+
+def test_a_bad_drive_does_not_keep_the_others_from_being_labelled(tmp_path: Path) -> None:
+    drives = [write_drive(tmp_path / "drives", drive=number) for number in (1, 2)]
+    (drives[0].folder / "velodyne_points" / "data" / "0000000001.bin").write_bytes(b"")
+    for workers in ("1", "2"):
+        folder = make_workspace(tmp_path / workers, raw__dataset='"kitti"', raw__root=f'"{drives[0].root}"')
+        line = fails(folder, "autolabel", "--moving-only", "--workers", workers)
+        assert "1 of 2 drives failed, the others are done" in line
+        assert "0000000001.bin" in line
+        assert (folder / "out" / "nms" / f"{drives[1].segment}.parquet").is_file()
 
 
 def shards(workspace: Path) -> dict[str, bytes]:

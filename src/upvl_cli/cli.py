@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.exceptions import TyperException
 
-from upvl_cli.errors import BadSetting, UpvlError
+from upvl_cli.errors import BadSetting, UpvlError, one_line
 from upvl_cli.stage import Param, Stage, params_of
-from upvl_cli.stages import BY_NAME, STAGES
+from upvl_cli.stages import STAGES
 from upvl_cli.workspace import Workspace
 
 app = typer.Typer(
@@ -28,37 +29,23 @@ Segments = Annotated[
 Workers = Annotated[int, typer.Option(min=1, help="Processes that share the drives between them.")]
 
 
-def main() -> None:
-    """Run the command line: an expected failure is one line and exit code 2, a bug keeps its traceback."""
+def run(arguments: Sequence[str]) -> int:
+    """Run one command; returns the exit code: 0, 2 for what a user can mend, 130 when a person stops it.
+
+    Args:
+        arguments: The words after `upvl`; none at all asks for help.
+    """
     try:
-        app()
+        # Not "standalone": typer would frame its messages over several lines.
+        return app(list(arguments) or ["--help"], prog_name="upvl", standalone_mode=False) or 0
     except UpvlError as error:
-        print(f"upvl: {error}", file=sys.stderr)
-        sys.exit(2)
-    except BrokenPipeError:
-        # The reader of our output has left, as `head` does: nothing to say, and nobody to say it to.
-        sys.stderr.close()
-        sys.exit(1)
-
-
-def interruptible(command: Callable[..., None]) -> Callable[..., None]:
-    """The command, with one line instead of a traceback when a person stops it."""
-
-    def run(*args: Any, **kwargs: Any) -> None:
-        try:
-            command(*args, **kwargs)
-        except KeyboardInterrupt:
-            print(
-                "upvl: stopped; what was finished is kept, and the same command goes on from there",
-                file=sys.stderr,
-            )
-            raise typer.Exit(130) from None
-
-    run.__name__ = command.__name__
-    run.__doc__ = command.__doc__
-    run.__signature__ = inspect.signature(command, eval_str=True)  # type: ignore[attr-defined]
-    run.__annotations__ = {name: p.annotation for name, p in run.__signature__.parameters.items()}  # type: ignore[attr-defined]
-    return run
+        print(f"upvl: {one_line(error)}", file=sys.stderr)
+    except TyperException as error:
+        context = getattr(error, "ctx", None)
+        path = context.command_path if context else "upvl"
+        message = getattr(error, "format_message", error.__str__)()
+        print(f"upvl: {' '.join(message.split())} (see: {path} --help)", file=sys.stderr)
+    return 2
 
 
 @app.callback()
@@ -93,7 +80,7 @@ def _stage_command(stage: Stage) -> Callable[..., None]:
     ]
     command.__name__ = stage.name
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    return interruptible(command)
+    return command
 
 
 def _option(spec: Param) -> Any:
@@ -108,7 +95,6 @@ for _stage in STAGES:
 
 
 @app.command()
-@interruptible
 def autolabel(
     context: typer.Context,
     moving_only: Annotated[
@@ -153,7 +139,6 @@ def label(
 
 
 @app.command()
-@interruptible
 def summary(context: typer.Context) -> None:
     """Tell what the auto labels hold and what was dropped, and why."""
     from upvl_cli.summary import lines
@@ -163,7 +148,6 @@ def summary(context: typer.Context) -> None:
 
 
 @app.command()
-@interruptible
 def segments(context: typer.Context) -> None:
     """List the drives of the workspace."""
     for name in context.obj.segments:
@@ -171,7 +155,6 @@ def segments(context: typer.Context) -> None:
 
 
 @app.command()
-@interruptible
 def status(context: typer.Context) -> None:
     """Tell which shards are fresh, stale or missing."""
     from rich.console import Console
@@ -183,7 +166,6 @@ def status(context: typer.Context) -> None:
 
 
 @app.command()
-@interruptible
 def plan(context: typer.Context) -> None:
     """Write the rules and marks that make follows."""
     from upvl_cli.plan import plan as write_plan
@@ -192,7 +174,6 @@ def plan(context: typer.Context) -> None:
 
 
 @app.command()
-@interruptible
 def docs(
     context: typer.Context,
     page: Annotated[Path, typer.Argument(help="The page to write.")] = Path("docs/pipeline.md"),
@@ -205,7 +186,6 @@ def docs(
 
 
 @app.command()
-@interruptible
 def init(folder: Annotated[Path, typer.Argument(help="Folder of the new workspace.")]) -> None:
     """Make a new workspace for your own drives."""
     from upvl_cli.template import create
@@ -217,7 +197,6 @@ def init(folder: Annotated[Path, typer.Argument(help="Folder of the new workspac
 
 
 @app.command()
-@interruptible
 def draw(
     context: typer.Context,
     segment: Annotated[str | None, typer.Argument(help="The drive; all of them when left out.")] = None,
@@ -227,14 +206,13 @@ def draw(
     from upvl_cli.look import draw_frame
 
     workspace: Workspace = context.obj
-    for name in [segment] if segment else workspace.segments:
+    for name in workspace.segments if segment is None else [segment]:
         workspace.check_name(name, workspace.segments)
         for path in draw_frame(workspace, name, frame):
             print(path)
 
 
 @app.command("eval")
-@interruptible
 def evaluate(
     context: typer.Context,
     what: Annotated[str, typer.Option(help="labels, detections or tracks.")] = "labels",
@@ -266,7 +244,6 @@ def evaluate(
 
 
 @app.command()
-@interruptible
 def tables(context: typer.Context) -> None:
     """Fill the paper's tables on the drives of this workspace, beside the published figures."""
     from rich.console import Console
@@ -281,6 +258,3 @@ def tables(context: typer.Context) -> None:
     for table, rows in filled:
         Console().print(paper_tables.shown(table, rows), "", highlight=False)
     print(path)
-
-
-__all__ = ["BY_NAME", "app", "main"]

@@ -17,3 +17,8 @@ class BadSetting(UpvlError):
 
 class NotMade(UpvlError):
     """A shard that is needed has not been made, or was made with other settings."""
+
+
+def one_line(error: BaseException) -> str:
+    """The words of an error without line breaks: a message of ours is one line."""
+    return " ".join(str(error).split())

@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import os
+import signal
+import sys
+import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
+
+from upvl_cli.errors import BadSetting
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -15,11 +21,19 @@ THREADS_VARIABLE = "UPVL_THREADS"
 
 
 def threads() -> int:
-    """How many threads a stage may use: all cores, or what `UPVL_THREADS` says."""
-    asked = int(os.environ.get(THREADS_VARIABLE, "0"))
+    """How many threads a stage may use: all cores, or what `UPVL_THREADS` says.
+
+    Raises:
+        BadSetting: The variable is not a whole number from 1 on.
+    """
+    text = os.environ.get(THREADS_VARIABLE)
+    if text is not None and not (text.isascii() and text.isdigit() and len(text) < 5 and int(text) > 0):
+        raise BadSetting(
+            f"{THREADS_VARIABLE} is {text!r}, expected a whole number from 1 to 9999, or nothing"
+        )
     # Not every system can say which cores a process may use.
     allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return asked or allowed or 1
+    return int(text) if text else allowed or 1
 
 
 def in_order(function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
@@ -42,3 +56,21 @@ def in_order(function: Callable[[Item], Result], items: Iterable[Item]) -> Itera
         finally:
             # After a failure or Ctrl-C what waits is not worth computing.
             pool.shutdown(wait=True, cancel_futures=True)
+
+
+def prepare_worker(parent: int) -> None:
+    """Make a worker process leave Ctrl-C to its parent, clean up when told to end, and end with its parent.
+
+    Args:
+        parent: Number of the parent process.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _end_with(parent: int) -> None:
+    """A parent that was killed says nothing: its children see that they have got another one."""
+    while os.getppid() == parent:
+        time.sleep(0.5)
+    os._exit(1)

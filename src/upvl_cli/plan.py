@@ -43,8 +43,9 @@ def rules(stages: Sequence[Stage], segments: Sequence[str]) -> str:
             f"\t@$(UPVL) {stage.name} --segment $*",
             "",
         ]
-    # Shards of middle stages are what a resumed run starts from: make must not delete them.
-    lines += [".PHONY: labels", f"labels: {stages[-1].name}", ".SECONDARY:", ""]
+    # Shards of middle stages are what a resumed run starts from: make must delete none, nor any on Ctrl-C.
+    shards = " ".join(f"$(OUT)/{stage.name}/%.parquet" for stage in stages)
+    lines += [".PHONY: labels", f"labels: {stages[-1].name}", ".SECONDARY:", f".PRECIOUS: {shards}", ""]
     return "\n".join(lines)
 
 

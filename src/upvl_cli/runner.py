@@ -6,7 +6,6 @@ import json
 import multiprocessing
 import os
 import resource
-import signal
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -19,7 +18,7 @@ from typing import Any
 
 from upvl_cli.errors import BadSetting, NotMade, UpvlError
 from upvl_cli.inputs import Inputs
-from upvl_cli.parallel import THREADS_VARIABLE, threads
+from upvl_cli.parallel import THREADS_VARIABLE, prepare_worker, threads
 from upvl_cli.settings import load
 from upvl_cli.stage import Row, Stage
 from upvl_cli.stages import BY_NAME
@@ -56,14 +55,9 @@ def state(workspace: Workspace, stage: Stage, segment: str, settings: Any = None
     if footer is None:
         return "missing", "not a whole shard" if path.exists() else "not made"
     stamp = workspace.shard_stamp(stage, segment, settings)
-    if footer.stamp != stamp:
-        return "stale", difference(footer.stamp, stamp)
-    made_ns = path.stat().st_mtime_ns
-    for name in stage.reads:
-        source = workspace.shard(name, segment)
-        if source.exists() and source.stat().st_mtime_ns > made_ns:
-            return "stale", f"{name} is newer"
-    return "fresh", ""
+    if footer.stamp == stamp:
+        return "fresh", ""
+    return "stale", difference(footer.stamp, stamp) or "its stamp is damaged"
 
 
 def claim_folder(workspace: Workspace, stage: Stage, overrides: Mapping[str, Any]) -> Any:
@@ -75,8 +69,9 @@ def claim_folder(workspace: Workspace, stage: Stage, overrides: Mapping[str, Any
     settings = load(stage.params, workspace.stages / f"{stage.name}.toml", overrides)
     mark = workspace.out / f"{stage.name}.stamp"
     stamp = workspace.stage_stamp(stage, settings)
-    if settings != workspace.settings(stage) and mark.exists() and mark.read_text(encoding="utf-8") != stamp:
-        changes = difference(mark.read_text(encoding="utf-8"), stamp)
+    held = mark.read_text(encoding="utf-8", errors="replace") if mark.is_file() else stamp
+    if settings != workspace.settings(stage) and held != stamp:
+        changes = difference(held, stamp)
         raise BadSetting(
             f"{workspace.out} holds {stage.name} with other values ({changes}); edit "
             f"{workspace.stages / stage.name}.toml to change them for good, or try them beside: "
@@ -99,13 +94,15 @@ def make_shard(workspace: Workspace, stage: Stage, segment: str, settings: Any, 
     Raises:
         NotMade: An input is missing or was made with other settings.
     """
-    if "raw" in stage.reads:
-        workspace.mark_raw(segment)
+    workspace.mark_raw(segment)
     _check_inputs(workspace, stage, segment)
     path = workspace.shard(stage.name, segment)
-    footer = read_footer(path)
-    if footer is not None and state(workspace, stage, segment, settings)[0] == "fresh":
-        return Made(stage.name, segment, True, footer.rows, footer.counts, 0.0, 0.0)
+
+    def is_stale() -> bool:
+        return state(workspace, stage, segment, settings)[0] != "fresh"
+
+    if not is_stale():
+        return _fresh(workspace, stage, segment)
     started = time.perf_counter()
     inputs = Inputs(workspace, stage, segment)
     rows = write(
@@ -114,7 +111,11 @@ def make_shard(workspace: Workspace, stage: Stage, segment: str, settings: Any, 
         _checked(stage.run(inputs, settings), segment, tick),
         stamp=workspace.shard_stamp(stage, segment, settings),
         counts=inputs.counts,
+        needed=is_stale,
     )
+    if rows is None:  # another process has made it while this one waited
+        return _fresh(workspace, stage, segment)
+    _not_older(path, workspace, stage, segment)
     # The process's peak so far: alone in its process, the stage's own. macOS counts bytes, others kibibytes.
     unit = 2**20 if sys.platform == "darwin" else 2**10
     peak_mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
@@ -123,6 +124,23 @@ def make_shard(workspace: Workspace, stage: Stage, segment: str, settings: Any, 
     )
     _log(workspace, made)
     return made
+
+
+def _fresh(workspace: Workspace, stage: Stage, segment: str) -> Made:
+    path = workspace.shard(stage.name, segment)
+    _not_older(path, workspace, stage, segment)
+    footer = read_footer(path)
+    rows, counts = (footer.rows, footer.counts) if footer else (0, {})
+    return Made(stage.name, segment, True, rows, counts, 0.0, 0.0)
+
+
+def _not_older(path: Path, workspace: Workspace, stage: Stage, segment: str) -> None:
+    """Give a fresh shard a time that make, which knows times only, takes for fresh, whatever the clocks say."""
+    sources = [workspace.shard(name, segment) for name in stage.reads]
+    sources.append(workspace.out / f"{stage.name}.stamp")
+    newest_ns = max(source.stat().st_mtime_ns for source in sources if source.exists())
+    if path.stat().st_mtime_ns < newest_ns:
+        os.utime(path, ns=(newest_ns, newest_ns))
 
 
 def _checked(rows: Iterator[Row], segment: str, tick: Tick) -> Iterator[Row]:
@@ -186,19 +204,50 @@ def run_all(
         tick: Called after each frame, in this process only.
     """
     settings = {stage.name: claim_folder(workspace, stage, overrides) for stage in stages}
+    failures: dict[str, UpvlError] = {}
     if workers == 1 or len(segments) == 1:
         for segment in segments:
-            for stage in stages:
-                yield make_shard(workspace, stage, segment, settings[stage.name], tick)
-        return
+            try:
+                for stage in stages:
+                    yield make_shard(workspace, stage, segment, settings[stage.name], tick)
+            except UpvlError as error:
+                failures[segment] = error
+    else:
+        yield from _in_processes(workspace, stages, segments, settings, min(workers, len(segments)), failures)
+    _raise_failures(failures, len(segments))
+
+
+def _raise_failures(failures: Mapping[str, UpvlError], segments: int) -> None:
+    """One drive that cannot be read does not keep the others from being labelled; then it is told."""
+    if segments == 1 and failures:
+        raise next(iter(failures.values()))
+    if failures:
+        told = "; ".join(f"{segment}: {error}" for segment, error in sorted(failures.items()))
+        raise UpvlError(f"{len(failures)} of {segments} drives failed, the others are done. {told}")
+
+
+def _in_processes(
+    workspace: Workspace,
+    stages: Sequence[Stage],
+    segments: Sequence[str],
+    settings: Mapping[str, Any],
+    workers: int,
+    failures: dict[str, UpvlError],
+) -> Iterator[Made]:
     names = [stage.name for stage in stages]
-    job = partial(_run_segment, workspace.stages, workspace.out, names, settings, max(1, threads() // workers))
+    cores = max(1, threads() // workers)
+    job = partial(_run_segment, workspace.stages, workspace.out, names, dict(settings), cores)
     # Spawned, not forked: threads of numerical libraries do not survive a fork.
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _quiet_worker) as pool:
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, spawn, prepare_worker, (os.getpid(),)) as pool:
         try:
-            for done in as_completed([pool.submit(job, segment) for segment in segments]):
-                yield from done.result()
-        except BrokenProcessPool as error:
+            segment_of = {pool.submit(job, segment): segment for segment in segments}
+            for done in as_completed(segment_of):
+                try:
+                    yield from done.result()
+                except UpvlError as error:
+                    failures[segment_of[done]] = error
+        except (BrokenProcessPool, SystemExit) as error:
             raise UpvlError(
                 "a worker process was killed, perhaps for want of memory; what was finished is kept: run again "
                 "with fewer --workers"
@@ -208,12 +257,6 @@ def run_all(
             for worker in multiprocessing.active_children():
                 worker.terminate()
             raise
-
-
-def _quiet_worker() -> None:
-    """Let the parent alone answer Ctrl-C, and clean up when it sends the end."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
 
 
 def _run_segment(

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import difflib
+import math
+import reprlib
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
-from upvl_cli.errors import BadSetting
+from upvl_cli.errors import BadSetting, one_line
 from upvl_cli.stage import Param, params_of
 
 
@@ -48,8 +50,8 @@ def _read(path: Path) -> dict[str, Any]:
             f"{path} is missing: a workspace has one file of settings a stage; run upvl in a workspace, or "
             "make one with: upvl init DIR"
         ) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise BadSetting(f"{path} is not valid TOML: {error}") from None
+    except (ValueError, RecursionError) as error:
+        raise BadSetting(f"{path} is not valid TOML: {one_line(error)}") from None
     except OSError as error:
         raise BadSetting(f"{path} cannot be read: {error.strerror}") from None
 
@@ -65,20 +67,22 @@ def _check(name: str, value: Any, kind: type[Any], spec: Param) -> tuple[Any, st
     if get_origin(kind) is tuple:
         return _check_list(name, value, get_args(kind)[0], spec)
     if kind is float and isinstance(value, int) and not isinstance(value, bool):
-        value = float(value)
+        value = float(value) if abs(value) < _LARGEST else math.inf
+    shown = reprlib.repr(value)
     if type(value) is not kind:
-        return value, f"{name} = {value!r} must be {_WORDS[kind]}"
+        return value, f"{name} = {shown} must be {_WORDS[kind]}"
     if not spec.allows(value):
         unit = f" {spec.unit}" if spec.unit else ""
-        return value, f"{name} = {value!r} must be {spec.bounds}{unit} ({spec.meaning})"
+        return value, f"{name} = {shown} must be {spec.bounds or 'finite'}{unit} ({spec.meaning})"
     return value, ""
 
 
 def _check_list(name: str, value: Any, kind: type[Any], spec: Param) -> tuple[Any, str]:
     if not isinstance(value, (list, tuple)):
-        return value, f"{name} = {value!r} must be a list of {_WORDS[kind]}"
+        return value, f"{name} = {reprlib.repr(value)} must be a list of {_WORDS[kind]}"
     items = [_check(f"{name}[{index}]", item, kind, spec) for index, item in enumerate(value)]
     return tuple(item for item, _ in items), "; ".join(fault for _, fault in items if fault)
 
 
+_LARGEST = 10**300  # a whole number beyond this is no float
 _WORDS = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}

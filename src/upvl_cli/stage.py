@@ -6,6 +6,7 @@ Arrow's types stand here by name, so that `upvl --help` need not load Arrow.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any, get_type_hints
@@ -37,9 +38,11 @@ class Param:
         return " and ".join(part for part in parts if part)
 
     def allows(self, value: Any) -> bool:
-        """Whether a value of the right type lies in the range; NaN never does."""
+        """Whether a value of the right type lies in the range; NaN and the infinite never do."""
         if self.choices:
             return value in self.choices
+        if isinstance(value, float) and not math.isfinite(value):
+            return False
         if self.above is not None and not value > self.above:
             return False
         if self.least is not None and not value >= self.least:

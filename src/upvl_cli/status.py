@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -36,7 +37,6 @@ def status(workspace: Workspace) -> list[StageStatus]:
 
 def _states(workspace: Workspace, segment: str) -> Iterator[tuple[str, tuple[str, str]]]:
     seen: dict[str, str] = {}
-    workspace.mark_raw(segment)
     for stage in STAGES:
         condition, reason = state(workspace, stage, segment)
         above = [name for name in stage.reads if seen.get(name, "fresh") != "fresh"]
@@ -70,12 +70,13 @@ def _of_stage(
 
 def _seconds(workspace: Workspace) -> dict[tuple[str, str], float]:
     """How long each shard took when it was last made; lines that a kill cut short are passed over."""
-    path = workspace.out / "runs.jsonl"
+    try:
+        lines = (workspace.out / "runs.jsonl").read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        return {}
     seconds: dict[tuple[str, str], float] = {}
-    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
-        try:
+    for line in lines:
+        with contextlib.suppress(ValueError, KeyError, TypeError, RecursionError):
             run = json.loads(line)
-        except json.JSONDecodeError:
-            continue
-        seconds[run["stage"], run["segment"]] = run["seconds"]
+            seconds[str(run["stage"]), str(run["segment"])] = float(run["seconds"])
     return seconds

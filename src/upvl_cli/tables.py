@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import hashlib
 import json
 import os
+import stat
 import threading
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import IO, Any
@@ -16,7 +18,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from upvl_cli.errors import NotMade, UpvlError
+from upvl_cli.errors import NotMade, UpvlError, one_line
 from upvl_cli.stage import Column, Row, columns_of
 from upvl_cli.types import Array
 
@@ -34,7 +36,15 @@ def schema_of(row: type[Row]) -> pa.Schema:
     return pa.schema([pa.field(name, arrow(spec), nullable=False) for name, spec in columns_of(row).items()])
 
 
-def write(path: Path, row: type[Row], rows: Iterable[Row], *, stamp: str, counts: Mapping[str, int]) -> int:
+def write(
+    path: Path,
+    row: type[Row],
+    rows: Iterable[Row],
+    *,
+    stamp: str,
+    counts: Mapping[str, int],
+    needed: Callable[[], bool] = lambda: True,
+) -> int | None:
     """Write a shard beside its place and move it there when it is whole.
 
     Args:
@@ -43,16 +53,21 @@ def write(path: Path, row: type[Row], rows: Iterable[Row], *, stamp: str, counts
         rows: The rows, in ascending order of frames; `counts` may grow while they are made.
         stamp: JSON of all that makes the shard what it is.
         counts: How many items were kept and dropped, by reason.
+        needed: Asked once no other process writes the same shard; it may have been made meanwhile.
 
     Returns:
-        How many rows were written.
+        How many rows were written; None where the shard was not needed any more.
 
     Raises:
         UpvlError: The folder cannot be written or the disk is full.
     """
     schema = schema_of(row)
     with whole(path) as file:
-        writer = pq.ParquetWriter(file, schema, compression="zstd", use_dictionary=False)
+        if not needed():
+            raise _NotNeeded
+        writer = pq.ParquetWriter(
+            file, schema, compression="zstd", use_dictionary=False, write_page_checksum=True
+        )
         with writer:
             written = 0
             for item in rows:
@@ -61,7 +76,12 @@ def write(path: Path, row: type[Row], rows: Iterable[Row], *, stamp: str, counts
             writer.add_key_value_metadata(
                 {STAMP_KEY: stamp.encode(), COUNTS_KEY: json.dumps(dict(counts), sort_keys=True).encode()}
             )
-    return written
+        return written
+    return None
+
+
+class _NotNeeded(Exception):  # noqa: N818
+    """Leaves `whole` without a file and without an error."""
 
 
 @contextlib.contextmanager
@@ -74,6 +94,9 @@ def whole(path: Path) -> Iterator[IO[bytes]]:
         UpvlError: The folder cannot be written or the disk is full.
     """
     part = path.with_name(f".{path.name}.part")
+    for place in (path, part):
+        if place.is_dir() and not place.is_symlink():
+            raise UpvlError(f"{place} is a folder where a file belongs; remove it")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with _locked(part) as file:
@@ -85,10 +108,12 @@ def whole(path: Path) -> Iterator[IO[bytes]]:
             except BaseException:
                 part.unlink(missing_ok=True)
                 raise
+    except _NotNeeded:
+        return
     except OSError as error:
-        reason = error.strerror or str(error)
         raise UpvlError(
-            f"cannot write {path}: {reason}; make room or make the folder writable, or choose another with --out"
+            f"cannot write {path}: {error.strerror or one_line(error)}; make room or make the folder writable, "
+            "or choose another with --out"
         ) from error
 
 
@@ -96,7 +121,9 @@ def whole(path: Path) -> Iterator[IO[bytes]]:
 def _locked(part: Path) -> Iterator[IO[bytes]]:
     """The part file, emptied, held against other processes; a killed process holds nothing."""
     while True:
-        file = part.open("ab")
+        if part.is_symlink() or (part.exists() and not _ours(part.stat())):
+            part.unlink()  # a link or a pipe: writing would end up elsewhere
+        file = os.fdopen(os.open(part, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666), "r+b")
         fcntl.flock(file, fcntl.LOCK_EX)
         if part.exists() and part.stat().st_ino == os.fstat(file.fileno()).st_ino:
             break
@@ -104,6 +131,10 @@ def _locked(part: Path) -> Iterator[IO[bytes]]:
     with file:
         file.truncate(0)
         yield file
+
+
+def _ours(found: os.stat_result) -> bool:
+    return stat.S_ISREG(found.st_mode) and found.st_nlink == 1
 
 
 def _batch(item: Row, schema: pa.Schema) -> pa.RecordBatch:
@@ -142,11 +173,13 @@ class Table:
             NotMade: It is missing, is not a whole Parquet file, or has other columns.
         """
         self._row = row
+        self._path = path
         self._file = _open(path)
         missing = [name for name in columns_of(row) if name not in self._file.schema_arrow.names]
         if missing:
             raise NotMade(f"{path} has no column {', '.join(missing)}: delete it and make it again")
-        frames = self._file.read(columns=["frame"]).column("frame").to_pylist()
+        with _damage_told(path):
+            frames = self._file.read(columns=["frame"]).column("frame").to_pylist()
         self._group_of = {frame: group for group, frame in enumerate(frames)}
         self._lock = threading.Lock()  # a Parquet file has one reading position
 
@@ -163,7 +196,7 @@ class Table:
 
     def __getitem__(self, frame: int) -> Any:
         names = [spec.name for spec in fields(self._row)]
-        with self._lock:
+        with self._lock, _damage_told(self._path):
             group = self._file.read_row_group(self._group_of[frame], columns=names, use_threads=False)
         return self._row(
             **{name: _unpack(group.column(name), spec) for name, spec in columns_of(self._row).items()}
@@ -179,12 +212,19 @@ def _unpack(values: pa.ChunkedArray, spec: Column) -> Any:
 
 
 def _open(path: Path) -> pq.ParquetFile:
+    if not path.exists():
+        raise NotMade(f"{path} has not been made; run: make {path.parent.name}")
+    with _damage_told(path):
+        return pq.ParquetFile(path, page_checksum_verification=True)
+
+
+@contextlib.contextmanager
+def _damage_told(path: Path) -> Iterator[None]:
+    """Says which shard it is that cannot be read."""
     try:
-        return pq.ParquetFile(path)
-    except FileNotFoundError:
-        raise NotMade(f"{path} has not been made; run: make {path.parent.name}") from None
-    except (pa.ArrowInvalid, OSError) as error:
-        raise NotMade(f"{path} is not a whole Parquet file ({error}); delete it and make it again") from None
+        yield
+    except (pa.ArrowException, OSError) as error:
+        raise NotMade(f"{path} is damaged ({one_line(error)}); delete it and make it again") from None
 
 
 @dataclass(frozen=True)
@@ -200,9 +240,24 @@ def read_footer(path: Path) -> Footer | None:
     """The footer of a shard, or None where there is no whole shard."""
     try:
         metadata = pq.read_metadata(path)
-    except (OSError, pa.ArrowInvalid):
+        pairs = metadata.metadata or {}
+        stamp, counts = pairs[STAMP_KEY].decode(), json.loads(pairs[COUNTS_KEY])
+        json.loads(stamp)
+        return Footer(stamp, {str(reason): int(items) for reason, items in counts.items()}, metadata.num_rows)
+    except (OSError, pa.ArrowException, KeyError, ValueError, AttributeError, TypeError, RecursionError):
         return None
-    pairs = metadata.metadata or {}
-    if STAMP_KEY not in pairs:
-        return None
-    return Footer(pairs[STAMP_KEY].decode(), json.loads(pairs.get(COUNTS_KEY, b"{}")), metadata.num_rows)
+
+
+def footer_digest(path: Path) -> str:
+    """A digest of what a shard's footer says, sizes and bounds of every column included; "" without a shard.
+
+    Stands for the content of an input: another content has another footer.
+    """
+    try:
+        with path.open("rb") as file:
+            file.seek(-8, os.SEEK_END)
+            length = int.from_bytes(file.read(4), "little")
+            file.seek(-8 - length, os.SEEK_END)
+            return hashlib.sha256(file.read(length)).hexdigest()
+    except OSError:
+        return ""

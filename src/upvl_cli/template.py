@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+import tempfile
 from pathlib import Path
 
-from upvl_cli.errors import BadSetting, UpvlError
+from upvl_cli.errors import BadSetting, UpvlError, one_line
 
 
 def create(folder: Path) -> None:
@@ -18,16 +20,20 @@ def create(folder: Path) -> None:
         BadSetting: It is a workspace already.
         UpvlError: It cannot be written.
     """
-    taken = [path for path in (folder / "stages", folder / "Makefile") if path.exists()]
-    if taken:
-        raise BadSetting(f"{taken[0]} exists already: choose another folder, nothing was changed")
     source = _source()
     try:
+        taken = [path for path in (folder / "stages", folder / "Makefile") if os.path.lexists(path)]
+        if taken:
+            raise BadSetting(f"{taken[0]} exists already: choose another folder, nothing was changed")
         folder.mkdir(parents=True, exist_ok=True)
-        shutil.copy(source / "workspace.mk", folder / "Makefile")
-        shutil.copytree(source / "stages", folder / "stages")
-    except OSError as error:
-        raise UpvlError(f"cannot write {error.filename}: {error.strerror}") from error
+        with tempfile.TemporaryDirectory(dir=folder, prefix=".new-") as beside:
+            shutil.copytree(source / "stages", Path(beside, "stages"))
+            shutil.copy(source / "workspace.mk", Path(beside, "Makefile"))
+            for name in ("stages", "Makefile"):
+                Path(beside, name).rename(folder / name)
+    except (shutil.Error, OSError) as error:
+        reason = getattr(error, "strerror", None) or one_line(error)
+        raise UpvlError(f"cannot make a workspace in {str(folder)[:200]}: {reason[:200]}") from error
 
 
 def _source() -> Path:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
-import hashlib
 import json
 import re
 from collections.abc import Mapping
@@ -12,8 +12,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from upvl_cli.contents import Contents, contents
 from upvl_cli.datasets import DATASETS
-from upvl_cli.errors import BadInput, BadSetting, UpvlError
+from upvl_cli.errors import BadInput, BadSetting
 from upvl_cli.settings import load
 from upvl_cli.stage import Stage, param
 from upvl_cli.stages import BY_NAME
@@ -30,7 +31,7 @@ class RawParams:
     """Which drives: the settings in `stages/raw.toml`."""
 
     dataset: str = param("how the drives are stored", choices=tuple(DATASETS))
-    root: str = param("folder of the drives, from the workspace; unused by synthetic")
+    root: str = param("folder of the drives, from where upvl is run; unused by synthetic")
     segments: tuple[str, ...] = param("the drives to work on; an empty list takes all of them")
 
 
@@ -48,7 +49,7 @@ class Workspace:
         self.out = out
         self._settings: dict[str, Any] = {}
         self._drives: dict[str, Drive] = {}
-        self._raw_stamps: dict[str, str] = {}
+        self._seen: dict[str, Contents] = {}
 
     @cached_property
     def raw(self) -> RawParams:
@@ -59,7 +60,7 @@ class Workspace:
     @cached_property
     def dataset(self) -> Dataset:
         """The dataset that `raw.toml` names."""
-        return DATASETS[self.raw.dataset](Path(self.raw.root))
+        return DATASETS[self.raw.dataset](Path(self.raw.root).expanduser())
 
     @cached_property
     def segments(self) -> tuple[str, ...]:
@@ -114,16 +115,18 @@ class Workspace:
         return _text(self._makers(stage, settings))
 
     def shard_stamp(self, stage: Stage, segment: str, settings: Any = None) -> str:
-        """What makes one shard: as `stage_stamp`, with the drive's own files."""
-        return _text(self._makers(stage, settings) | {"raw": json.loads(self.raw_stamp(segment))})
+        """What makes one shard: as `stage_stamp`, with the content of the drive and of the shards it reads."""
+        from upvl_cli.tables import footer_digest
+
+        made_from = {name: footer_digest(self.shard(name, segment)) for name in stage.reads if name != "raw"}
+        raw = {"raw": json.loads(self.raw_stamp(segment))}
+        return _text(self._makers(stage, settings) | raw | {"inputs": made_from})
 
     def _makers(self, stage: Stage, settings: Any) -> dict[str, Any]:
         values = self.settings(stage) if settings is None else settings
         makers: dict[str, Any] = {stage.name: {"version": stage.version, "values": asdict(values)}}
         for name in stage.reads:
-            above = (
-                {"raw": {"dataset": self.raw.dataset}} if name == "raw" else self._makers(BY_NAME[name], None)
-            )
+            above = {"raw": self._adapter()} if name == "raw" else self._makers(BY_NAME[name], None)
             makers = above | makers
         return makers
 
@@ -131,20 +134,22 @@ class Workspace:
         return {"dataset": self.raw.dataset, "version": self.dataset.version}
 
     def raw_stamp(self, segment: str) -> str:
-        """The drive's files by name and size, as JSON; also kept in `out/raw/` for make to see."""
-        if segment not in self._raw_stamps:
-            sizes = [(path.name, path.stat().st_size) for path in self.drive(segment).files]
-            digest = hashlib.sha256(json.dumps(sizes).encode()).hexdigest()
-            self._raw_stamps[segment] = _text(self._adapter() | {"files": digest})
-        return self._raw_stamps[segment]
+        """The adapter and a digest of the content of the drive's files, as JSON."""
+        return _text(self._adapter() | {"content": self._contents(segment).digest})
+
+    def _contents(self, segment: str) -> Contents:
+        if segment not in self._seen:
+            self._seen[segment] = contents(self.drive(segment).files, self._seen_path(segment))
+        return self._seen[segment]
+
+    def _seen_path(self, segment: str) -> Path:
+        return self.out / "raw" / f"{segment}.seen"
 
     def mark_raw(self, segment: str) -> Path:
-        """Write `out/raw/<segment>.stamp`, or renew it where a file of the drive is newer."""
-        path, text = self.shard("raw", segment), self.raw_stamp(segment)
-        newest = max((file.stat().st_mtime_ns for file in self.drive(segment).files), default=0)
-        if write_if_changed(path, text) or newest <= path.stat().st_mtime_ns:
-            return path
-        path.touch()
+        """Write `out/raw/<segment>.stamp`, which make compares, where the drive's content has changed."""
+        path = self.shard("raw", segment)
+        write_if_changed(path, self.raw_stamp(segment))
+        write_if_changed(self._seen_path(segment), self._contents(segment).seen)
         return path
 
 
@@ -152,28 +157,35 @@ def write_if_changed(path: Path, text: str) -> bool:
     """Write a small text file, whole, only where it would differ; whether it was written."""
     from upvl_cli.tables import whole
 
-    try:
-        if path.is_file() and path.read_text(encoding="utf-8") == text:
+    content = text.encode("utf-8", "surrogateescape")
+    with contextlib.suppress(OSError):
+        if path.read_bytes() == content:
             return False
-    except OSError as error:
-        raise UpvlError(f"cannot read {path}: {error.strerror}") from error
     with whole(path) as file:
-        file.write(text.encode())
+        file.write(content)
     return True
 
 
 def difference(old: str, new: str) -> str:
-    """Which values differ between two stamps, in words."""
-    before, after = _flat(json.loads(old)), _flat(json.loads(new))
+    """Which values differ between two stamps, in words; those of the inputs only where no value does."""
+    before, after = _flat(old), _flat(new)
     names = [name for name in sorted(before | after) if before.get(name) != after.get(name)]
-    return ", ".join(f"{name} {before.get(name, 'none')} -> {after.get(name, 'none')}" for name in names)
+    values = [name for name in names if name != "raw.content" and not name.startswith("inputs.")]
+    told = [f"{name} {before.get(name, 'none')} -> {after.get(name, 'none')}" for name in values]
+    if "raw.content" in names:
+        told.append("the drive's files have changed")
+    return ", ".join(told or [f"{name.removeprefix('inputs.')} was made anew" for name in names])
 
 
-def _flat(stamp: Mapping[str, Any]) -> dict[str, Any]:
+def _flat(stamp: str) -> dict[str, Any]:
+    """The values of a stamp by `stage.name`; nothing of one that is no stamp."""
     flat: dict[str, Any] = {}
-    for stage, maker in stamp.items():
-        values = maker.get("values", {}) | {key: value for key, value in maker.items() if key != "values"}
-        flat |= {f"{stage}.{name}": value for name, value in values.items()}
+    try:
+        for stage, maker in json.loads(stamp).items():
+            values = maker.get("values", {}) | {key: value for key, value in maker.items() if key != "values"}
+            flat |= {f"{stage}.{name}": value for name, value in values.items()}
+    except (ValueError, AttributeError, TypeError, RecursionError):
+        return {}
     return flat
 
 
