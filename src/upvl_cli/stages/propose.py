@@ -58,21 +58,22 @@ def run(inputs: Inputs, params: ProposeParams) -> Iterator[ProposeRow]:
     poses = list(inputs.table("odometry"))
     flows, grounds, masks = (inputs.table(name) for name in ("flow", "ground", "mask"))
 
-    def standing(pose: Any) -> Array:
-        """Where matter stands above the ground in a frame, in world axes."""
-        xyz_ego_m = drive.points(pose.frame).xyz_ego_m[~grounds[pose.frame].is_ground]
-        return apply(pose.world_from_ego, xyz_ego_m)
+    def above_ground(pose: Any) -> Array:
+        """The points of a frame that stand above the ground, in ego axes."""
+        return drive.points(pose.frame).xyz_ego_m[~grounds[pose.frame].is_ground].astype(np.float64)
 
-    time_s = np.array([(pose.time_ns - poses[0].time_ns) * 1e-9 for pose in poses])
-    taken = places(time_s, in_order(standing, poses))
+    # Kept for the whole drive: each sweep is looked at from seconds before and after.
+    above_m = list(in_order(above_ground, poses))
+    world_m = (apply(pose.world_from_ego, xyz_m) for pose, xyz_m in zip(poses, above_m, strict=True))
+    taken = places(np.array([(pose.time_ns - poses[0].time_ns) * 1e-9 for pose in poses]), world_m)
 
     def found(step: int) -> tuple[Proposals, Array]:
         """The boxes of a frame, and which of its points belong to them."""
         frame = poses[step].frame
         flow, ground, mask = flows[frame], grounds[frame], masks[frame]
-        above = np.flatnonzero(~ground.is_ground)
+        above = ~ground.is_ground
         sweep = Sweep(
-            drive.points(frame).xyz_ego_m[above].astype(np.float64),
+            above_m[step],
             flow.flow_mps[above].astype(np.float64),
             mask.is_moving[above],
             mask.background[above] == 1,
@@ -81,7 +82,7 @@ def run(inputs: Inputs, params: ProposeParams) -> Iterator[ProposeRow]:
             step,
         )
         boxes = propose(sweep, taken, **settings)
-        box_of_point = np.full(len(mask.is_moving), NOISE)
+        box_of_point = np.full(len(above), NOISE)
         box_of_point[above] = boxes.of_point
         return boxes, box_of_point
 
