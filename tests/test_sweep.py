@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -87,11 +88,15 @@ def test_the_folder_of_a_preset_is_a_workspace_of_its_own(base: Workspace) -> No
     assert [(of.fresh, of.stale, of.missing) for of in status(again)] == [(1, 0, 0)] * len(STAGES)
 
 
-def test_newer_files_of_the_drive_reach_every_preset(base: Workspace) -> None:
+def test_changed_files_of_the_drive_reach_every_preset(base: Workspace) -> None:
     workspace = preset(base, "bold", mask="min_speed_mps = 0.25")
     made(base, workspace)
     (segment,) = base.segments
-    os.utime(base.drive(segment).files[-1])
+    path = next(path for path in base.drive(segment).files if path.suffix == ".bin")
+    os.utime(path)
+    again = preset_workspace(Workspace(base.stages, base.out), "bold")
+    assert made(Workspace(base.stages, base.out), again) == []  # what counts is what is in them
+    path.write_bytes(path.read_bytes()[:-16])
     again = preset_workspace(Workspace(base.stages, base.out), "bold")
     assert made(Workspace(base.stages, base.out), again) == [stage.name for stage in STAGES]
 
@@ -108,10 +113,14 @@ def test_a_preset_of_no_difference_shares_everything(base: Workspace) -> None:
         (
             "mask.toml",
             "min_sped_mps = 1",
-            "preset odd: .*unknown key 'min_sped_mps'; did you mean 'min_speed_mps'",
+            "odd/mask.toml: unknown key 'min_sped_mps'; did you mean 'min_speed_mps'",
         ),
-        ("mask.toml", "min_speed_mps = -1", "preset odd: .*min_speed_mps = -1.0 must be >= 0"),
+        ("mask.toml", "min_speed_mps = -1", "odd/mask.toml: min_speed_mps = -1.0 must be >= 0"),
         ("mask.toml", "min_speed_mps =", "mask.toml is not valid TOML"),
+        ("mask.toml", "min_speed_mps = inf", "odd/mask.toml: min_speed_mps = inf must be"),
+        ("mask.toml", f"min_speed_mps = {'1' * 5000}", "odd/mask.toml is not valid TOML: Exceeds the limit"),
+        ("mask.toml", f"min_speed_mps = {'1' * 400}", "odd/mask.toml: min_speed_mps = .* must be"),
+        ("mask.toml", f"min_speed_mps = {'[' * 5000}", "odd/mask.toml is not valid TOML"),
         ("mist.toml", "", "holds mist.toml; expected files of stages: odometry, "),
         ("notes.txt", "", "holds notes.txt"),
     ],
@@ -120,8 +129,42 @@ def test_a_wrong_preset_is_refused(base: Workspace, file: str, text: str, messag
     folder = base.stages / "presets" / "odd"
     folder.mkdir(parents=True)
     (folder / file).write_text(text)
-    with pytest.raises(BadSetting, match=message):
+    with pytest.raises(BadSetting, match=message) as refusal:
         preset_workspace(base, "odd")
+    assert "\n" not in str(refusal.value) and len(str(refusal.value)) < 500
+
+
+def test_a_wrong_value_that_ships_is_not_the_presets_fault(base: Workspace) -> None:
+    (base.stages / "mask.toml").write_text("min_speed_mps = -1\n")
+    with pytest.raises(BadSetting, match="work/stages/mask.toml: min_speed_mps"):
+        preset(base, "odd", propose="eps_m = 2.0")
+
+
+@pytest.mark.parametrize("name", ["dr\x7fives", "dr\nives", 'dr\\"ives', "dr\N{WATER WAVE}ives"])
+def test_an_odd_name_of_the_root_comes_through(base: Workspace, name: str) -> None:
+    root = Path(base.raw.root)
+    (root.parent / name).symlink_to(root)
+    workspace = Workspace(base.stages, base.out)
+    workspace.raw = replace(base.raw, root=str(root.parent / name))
+    again = Workspace(preset(workspace, "same", mask="min_speed_mps = 1").stages, base.out)
+    assert again.raw == workspace.raw and again.segments == base.segments
+
+
+@pytest.mark.parametrize("name", [".{}.link", ".{}.part"])
+def test_what_a_kill_left_behind_is_never_written_into(base: Workspace, name: str) -> None:
+    made(base, base)
+    (segment,) = base.segments
+    shard = base.shard("nms", segment)
+    content = shard.read_bytes()
+    workspace = preset(base, "bold", nms="max_iou = 0.9")
+    mine = workspace.shard("nms", segment)
+    mine.parent.mkdir(parents=True)
+    mine.with_name(name.format(mine.name)).hardlink_to(shard)
+    assert made(base, workspace) == ["nms"]
+    assert shard.read_bytes() == content and not mine.samefile(shard)
+    made(base, preset(base, "bold", nms=""))
+    assert mine.samefile(shard)
+    assert [path.name for path in mine.parent.iterdir()] == [mine.name]
 
 
 def test_a_preset_that_is_not_there(base: Workspace) -> None:

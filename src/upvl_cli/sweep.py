@@ -11,9 +11,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from upvl_cli.errors import BadSetting, UpvlError
+from upvl_cli.errors import BadSetting, UpvlError, one_line
 from upvl_cli.runner import Made, Tick, claim_folder, make_shard
 from upvl_cli.settings import load
+from upvl_cli.stage import Stage
 from upvl_cli.stages import BY_NAME, STAGES
 from upvl_cli.workspace import Workspace, write_if_changed
 
@@ -33,9 +34,11 @@ def preset_workspace(base: Workspace, name: str) -> Workspace:
         raise BadSetting(
             f"{folder} is missing; a preset is a folder with the values that differ, a TOML file a stage"
         )
-    unknown = [
-        path.name for path in sorted(folder.iterdir()) if path.suffix != ".toml" or path.stem not in BY_NAME
-    ]
+    try:
+        paths = sorted(folder.iterdir())
+    except OSError as error:
+        raise BadSetting(f"{folder} cannot be read: {error.strerror}; make it readable") from None
+    unknown = [path.name for path in paths if path.suffix != ".toml" or path.stem not in BY_NAME]
     if unknown:
         raise BadSetting(
             f"{folder} holds {', '.join(unknown)}; expected files of stages: {', '.join(BY_NAME)}"
@@ -43,13 +46,19 @@ def preset_workspace(base: Workspace, name: str) -> Workspace:
     workspace = Workspace(base.out / "tables" / name / "stages", base.out / "tables" / name)
     _write_values(workspace.stages / "raw.toml", asdict(base.raw))
     for stage in STAGES:
-        path = folder / f"{stage.name}.toml"
-        try:
-            settings = load(stage.params, base.stages / f"{stage.name}.toml", _differing(path))
-        except BadSetting as error:
-            raise BadSetting(f"preset {name}: {error}") from None
+        settings = _settings(base, stage, folder / f"{stage.name}.toml")
         _write_values(workspace.stages / f"{stage.name}.toml", asdict(settings))
     return workspace
+
+
+def _settings(base: Workspace, stage: Stage, differing: Path) -> Any:
+    """The values of a stage that ship, but for those of a preset's file, which is blamed for its own faults."""
+    shipped = base.settings(stage)
+    path = base.stages / f"{stage.name}.toml"
+    try:
+        return load(stage.params, path, _differing(differing)) if os.path.lexists(differing) else shipped
+    except BadSetting as error:
+        raise BadSetting(str(error).replace(f"{path}: ", f"{differing}: ", 1)) from None
 
 
 def make(
@@ -82,32 +91,46 @@ def make(
 
 def _differing(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise BadSetting(f"{path} is not valid TOML: {error}") from None
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise BadSetting(f"{path} cannot be read: {error.strerror}; mend or remove it") from None
+    except (ValueError, RecursionError) as error:
+        raise BadSetting(f"{path} is not valid TOML: {one_line(error)}") from None
 
 
 def _write_values(path: Path, values: dict[str, Any]) -> None:
-    # Numbers, texts, truths and lists of them are written in TOML as in JSON.
-    write_if_changed(
-        path, "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in values.items())
-    )
+    write_if_changed(path, "".join(f"{key} = {_as_toml(value)}\n" for key, value in values.items()))
+
+
+def _as_toml(value: Any) -> str:
+    # Numbers, texts, truths and lists of them are written in TOML as in JSON; only TOML escapes a DEL.
+    return json.dumps(value, ensure_ascii=False, allow_nan=False).replace("\x7f", "\\u007f")
 
 
 def _link(source: Path, target: Path) -> None:
     """The same file under a second name, or a copy of the same age where the disk knows no second names."""
-    if target.exists() and target.samefile(source):
-        return
-    part = target.with_name(f".{target.name}.part")
+    # Not the name of a part that is written into: left behind by a kill, it would be the source itself.
+    second = target.with_name(f".{target.name}.link")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        part.unlink(missing_ok=True)
+        second.unlink(missing_ok=True)
+        if _is_same(source, target):
+            return
         try:
-            os.link(source, part)
+            os.link(source, second)
         except OSError:
-            shutil.copy2(source, part)
-        part.replace(target)
+            shutil.copy2(source, second)
+        second.replace(target)
     except OSError as error:
+        if _is_same(source, target):  # another process was quicker
+            return
         raise UpvlError(
             f"cannot write {target}: {error.strerror}; make room or make the folder writable"
         ) from error
+
+
+def _is_same(source: Path, target: Path) -> bool:
+    try:
+        return target.samefile(source)
+    except OSError:
+        return False
