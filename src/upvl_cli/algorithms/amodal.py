@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from upvl_cli.algorithms.box_fit import along, rectangle_heading
 from upvl_cli.algorithms.track_registration import register
 from upvl_cli.geometry.se3 import apply, inverse, wrap_angle
-from upvl_cli.types import Array, Bools, Floats
+from upvl_cli.types import Array, Floats
 
 TRIM = 0.01  # share of the points left out at each end of length and width: single stray returns
 FEWEST = 3  # points that have an extent
@@ -76,16 +76,20 @@ def amodal(
     heading = _headings(seen.velocity_mps, clouds, moving_mps)
     clouds, sensor = _centred(clouds, seen, heading)
     motions = register(
-        clouds, min_points=min_points, radius_m=radius_m, iterations=iterations, min_inlier_share=min_inlier_share
+        clouds,
+        min_points=min_points,
+        radius_m=radius_m,
+        iterations=iterations,
+        min_inlier_share=min_inlier_share,
     )
-    fitted = np.array([motion is not None for motion in motions], dtype=np.bool_)
-    if fitted.sum() < FEWEST_FRAMES:
-        fitted[:] = False
+    fitted = {at: motion for at, motion in enumerate(motions) if motion is not None}
+    if len(fitted) < FEWEST_FRAMES:
+        fitted = {}
     low, high = _edges(clouds)
-    middle, size = _model(clouds, motions, fitted, low, high, sensor, edge_share, min_aspect)
+    middle, size = _model(clouds, fitted, low, high, sensor, edge_share, min_aspect)
     offset = _held(low, high, sensor, size)
-    for at in np.flatnonzero(fitted):
-        offset[at] = apply(inverse(motions[at]), [[*middle, 0.0]])[0, :2]
+    for at, motion in fitted.items():
+        offset[at] = _moved(inverse(motion), middle)
     floor = seen.seven[:, 2] - seen.seven[:, 5] / 2
     height_m = _reached(seen.seven[:, 5], edge_share)
     boxes = np.empty((len(heading), 7))
@@ -112,7 +116,7 @@ def _headings(velocity_mps: Floats, clouds_m: Sequence[Floats], moving_mps: floa
         )
         return np.full(len(velocity_mps), still)
     heading = np.unwrap(np.arctan2(velocity_mps[moves, 1], velocity_mps[moves, 0]))
-    return np.interp(np.arange(len(moves)), np.flatnonzero(moves), heading)
+    return np.asarray(np.interp(np.arange(len(moves)), np.flatnonzero(moves), heading))
 
 
 def _centred(clouds_m: Sequence[Floats], seen: Sightings, heading: Array) -> tuple[list[Array], Array]:
@@ -135,8 +139,7 @@ def _edges(clouds_m: Sequence[Floats]) -> tuple[Array, Array]:
 
 def _model(
     clouds_m: Sequence[Floats],
-    motions: Sequence[Array | None],
-    fitted: Bools,
+    fitted: Mapping[int, Array],
     low: Array,
     high: Array,
     sensor: Array,
@@ -144,10 +147,9 @@ def _model(
     min_aspect: float,
 ) -> tuple[Array, Array]:
     """(2,) middle of the whole object in the axes of its densest cloud, and (2,) its length and width."""
-    if fitted.any():
-        laid = [apply(motions[at], clouds_m[at]) for at in np.flatnonzero(fitted)]
-        low, high = _edges(laid)
-        eye = np.array([apply(motions[at], [[*sensor[at], 0.0]])[0, :2] for at in np.flatnonzero(fitted)])
+    if fitted:
+        low, high = _edges([apply(motion, clouds_m[at]) for at, motion in fitted.items()])
+        eye = np.array([_moved(motion, sensor[at]) for at, motion in fitted.items()])
         first, last = -_reached(-low, edge_share), _reached(high, edge_share)
     else:
         size = _reached(high - low, edge_share)
@@ -156,6 +158,10 @@ def _model(
     # What is added lies behind the edge that faces the sensor.
     near_is_first = eye.mean(axis=0) < (first + last) / 2
     return np.where(near_is_first, first + size / 2, last - size / 2), size
+
+
+def _moved(motion: Array, xy_m: Array) -> Array:
+    return apply(motion, np.array([[*xy_m, 0.0]]))[0, :2]
 
 
 def _completed(size: Array, min_aspect: float) -> Array:
@@ -174,7 +180,7 @@ def _reached(values: Array, share: float) -> Array:
     if not len(values):
         return np.zeros(values.shape[1:])
     rank = min(len(values), max(2, int(np.ceil(share * len(values)))))
-    return np.sort(values, axis=0)[-rank]
+    return np.asarray(np.sort(values, axis=0)[-rank])
 
 
 def _held(low: Array, high: Array, sensor: Array, size: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -99,7 +100,7 @@ def propose(
         foot_m: Points lower than this (kerbs, ground) have no say in length, width and heading.
         person_gap_m: Persons this far apart are not one object, though their cluster is.
     """
-    label = np.full(len(sweep.xyz_m), NOISE, dtype=np.int64)
+    label: Ints = np.full(len(sweep.xyz_m), NOISE, dtype=np.int64)
     joint = np.hstack([sweep.xyz_m, sweep.velocity_mps * (eps_m / eps_mps)])[sweep.candidate]
     label[sweep.candidate] = dbscan_voxels(joint, eps_m=eps_m, min_points=min_points, voxel_m=voxel_m)
     dropped = {"points in no cluster": int((label[sweep.candidate] == NOISE).sum())}
@@ -132,7 +133,7 @@ def _persons(label: Ints, sweep: Sweep, foot_m: float, gap_m: float) -> Ints:
     return label
 
 
-def _members(label: Ints) -> list[Ints]:
+def _members(label: Ints) -> Sequence[Ints]:
     """The points of each cluster."""
     order = np.argsort(label, kind="stable")
     starts = np.searchsorted(label[order], np.arange(label.max(initial=NOISE) + 1))
@@ -204,7 +205,5 @@ def _lasting(label: Ints, velocity: Array, boxes: Array, sweep: Sweep, places: P
     lasting = np.zeros(len(label), dtype=np.bool_)
     for number, span_s in enumerate(SPANS_S):
         asked = np.flatnonzero(of_point == number)
-        lasting[asked] = places.lasting(
-            sweep.step, span_s, apply(sweep.world_from_sweep, sweep.xyz_m[asked])
-        )
+        lasting[asked] = places.lasting(sweep.step, span_s, apply(sweep.world_from_sweep, sweep.xyz_m[asked]))
     return lasting

@@ -45,7 +45,7 @@ def register(
     found[densest] = np.eye(4)
     model, extent = thin[densest], np.ptp(thin[densest][:, :2], axis=0)
     for direction in (range(densest + 1, len(thin)), range(densest - 1, -1, -1)):
-        nearest = np.eye(4)
+        nearest: Array = np.eye(4)
         for at in direction:
             if len(clouds_m[at]) < min_points:
                 continue

@@ -203,5 +203,7 @@ def _rows(
 
 def _stack(pieces: list[tuple[Array, ...]], dropped: dict[str, int]) -> Tracks:
     empty = (np.zeros(0, int), np.zeros(0, int), np.zeros(0, int), np.zeros((0, 7)), np.zeros((0, 3)))
-    columns = [np.concatenate(column) for column in zip(empty, *pieces, strict=True)]
-    return Tracks(*columns, dropped)
+    track, frame, box, seven, velocity = (
+        np.concatenate(column) for column in zip(empty, *pieces, strict=True)
+    )
+    return Tracks(track, frame, box, seven, velocity, dropped)

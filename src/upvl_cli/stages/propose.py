@@ -60,7 +60,8 @@ def run(inputs: Inputs, params: ProposeParams) -> Iterator[ProposeRow]:
 
     def above_ground(pose: Any) -> Array:
         """The points of a frame that stand above the ground, in ego axes."""
-        return drive.points(pose.frame).xyz_ego_m[~grounds[pose.frame].is_ground].astype(np.float64)
+        is_ground: Array = grounds[pose.frame].is_ground
+        return drive.points(pose.frame).xyz_ego_m[~is_ground].astype(np.float64)
 
     # Kept for the whole drive: each sweep is looked at from seconds before and after.
     above_m = list(in_order(above_ground, poses))
