@@ -142,6 +142,19 @@ def test_labels_are_scored_and_drawn_the_same_each_time(workspace: Path) -> None
     assert {path.name: path.read_bytes() for path in workspace.glob("out/eval/*.png")} == files
 
 
+def test_odd_surroundings_change_no_picture_and_no_word(workspace: Path) -> None:
+    pictures = workspace / "out/eval"
+    command = ("eval", "--moving-only", "--class-agnostic")
+    assert upvl(workspace, *command).returncode == 0
+    before = {path.name: path.read_bytes() for path in pictures.iterdir()}
+    (workspace / "matplotlibrc").write_text("axes.facecolor: red\nno.such.key: 1\nbackend: none\n")
+    done = upvl(workspace, *command, MPLBACKEND="nonsense", HOME="/proc", MPLCONFIGDIR="/proc/x")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert {path.name: path.read_bytes() for path in pictures.iterdir()} == before
+    (workspace / "matplotlibrc").write_bytes(b"\xff")
+    assert "matplotlib, which draws the pictures, does not start" in fails(workspace, *command)
+
+
 def test_tracks_are_scored(workspace: Path) -> None:
     assert printed(workspace, "--what", "tracks", "--class-agnostic") == TRACKS
     assert report(workspace, "tracks-moving-only")["tracking"][1]["mota"] == pytest.approx(0.25)

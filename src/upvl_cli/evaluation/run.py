@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import logging
+import os
+import warnings
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from upvl_cli.errors import BadSetting, NotMade
+from upvl_cli.errors import BadSetting, NotMade, UpvlError, one_line
 from upvl_cli.evaluation.flow_score import flow_score
 from upvl_cli.evaluation.gather import Material, gather
 from upvl_cli.evaluation.params import EvalParams
@@ -19,6 +23,9 @@ from upvl_cli.settings import load
 from upvl_cli.stages import BY_NAME
 from upvl_cli.tables import whole
 from upvl_cli.workspace import Workspace, write_if_changed
+
+if TYPE_CHECKING:
+    from types import ModuleType
 
 STAGE_OF = {"labels": "nms", "detections": "detect", "tracks": "nms"}
 
@@ -77,18 +84,40 @@ def write(workspace: Workspace, report: Report) -> Iterator[Path]:
     Raises:
         UpvlError: They cannot be written.
     """
-    from upvl_cli.evaluation.plots import plots  # it loads the drawing library, which only this needs
-
     folder = workspace.out / "eval"
     path = folder / f"{report.name}.json"
     write_if_changed(path, as_json(report))
     yield path
-    for name, figure in plots(report):
-        path = folder / f"{report.name}-{name}.png"
-        with whole(path) as file:
-            # Without the name of the library's version: the same report gives the same bytes.
-            figure.savefig(file, format="png", metadata={"Software": None})
-        yield path
+    with _drawing() as plots:
+        for name, figure in plots.plots(report):
+            path = folder / f"{report.name}-{name}.png"
+            with whole(path) as file:
+                # Without the name of the library's version: the same report gives the same bytes.
+                figure.savefig(file, format="png", metadata={"Software": None})
+            yield path
+
+
+@contextmanager
+def _drawing() -> Iterator[ModuleType]:
+    """What draws a report: silent, and the same whatever a home folder or the environment say.
+
+    It loads the drawing library, which only this needs.
+    """
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
+    os.environ["MPLBACKEND"] = "agg"  # any other could open windows, and an unknown one stops the import
+    with warnings.catch_warnings(action="ignore"):
+        try:
+            import matplotlib
+
+            from upvl_cli.evaluation import plots
+        except (OSError, ValueError) as error:
+            raise UpvlError(
+                f"matplotlib, which draws the pictures, does not start ({one_line(error)}); set MPLCONFIGDIR to "
+                "a folder that can be written, and remove a damaged matplotlibrc"
+            ) from None
+        with matplotlib.rc_context():
+            matplotlib.rcdefaults()
+            yield plots
 
 
 def _scope(
