@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from upvl_cli.errors import BadSetting
+from upvl_cli.evaluation.params import EvalParams
 from upvl_cli.settings import load
-from upvl_cli.stage import param
+from upvl_cli.stage import param, params_of
 from upvl_cli.stages import STAGES
 from upvl_cli.workspace import RawParams
 
@@ -71,6 +73,13 @@ def test_all_faults_are_told_at_once(tmp_path: Path) -> None:
 def test_a_missing_file_says_how_to_make_a_workspace(tmp_path: Path) -> None:
     with pytest.raises(BadSetting, match="upvl init"):
         load(Settings, tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize("params", [*(stage.params for stage in STAGES), EvalParams])
+def test_every_number_has_two_bounds(params: type[Any]) -> None:
+    for name, (kind, spec) in params_of(params).items():
+        if kind in (int, float, tuple[int, ...], tuple[float, ...]):
+            assert spec.least is not None and spec.most is not None, name
 
 
 @pytest.mark.parametrize("stage", [*STAGES], ids=lambda stage: stage.name)

@@ -168,3 +168,9 @@ def test_real_cars_and_cyclists_lose_nothing_above_their_feet(shared: Path) -> N
             kept, total = kept + np.sum(found[inside] > GROUND_M), total + inside.sum()
     assert total > 1000
     assert kept / total > 0.99
+
+
+def test_heights_fit_half_precision_wherever_a_point_is() -> None:
+    xyz = np.array([[5.0, 0, -1.7], [6, 0, 9_000], [7, 0, -9_000], [1e4, 1e4, 1e4]])
+    height_m = height_above_ground(xyz, start_z_m=-1.73, **SETTINGS)
+    assert np.abs(height_m).max() == 1000 and np.isfinite(height_m.astype(np.float16)).all()

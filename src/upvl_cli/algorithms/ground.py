@@ -20,6 +20,7 @@ STANDING_M = (0.35, 1.0)  # points this far above the lowest are something that 
 WINDOWS = (5, 9, 17, 33, 65, 129)  # cells; the finest window that holds enough ground is taken
 MIN_CELLS = 6  # ground cells that a window needs
 BELOW_M = 0.5  # lower than the plane by more is a mirror image, not ground
+MOST_M = 1000.0  # heights end here; half precision, in which they are kept, ends at 65504
 EMPTY = 1e-9  # keeps empty windows from dividing by nothing
 
 
@@ -46,7 +47,7 @@ class _Lowest(NamedTuple):
 def height_above_ground(
     xyz_ego_m: Floats, *, start_z_m: float, cell_m: float, max_slope: float, tolerance_m: float
 ) -> Floats:
-    """(n,) float32 height of each point above the ground below it, in metres.
+    """(n,) float32 height of each point above the ground below it, in metres, within 1 km.
 
     The lowest point of each cell is a candidate. Candidates that few neighbours agree with are mirror
     images under the road or things without ground below; those above a cone of `max_slope` from a
@@ -75,7 +76,8 @@ def height_above_ground(
     is_ground = known & (above_m < tolerance_m) & (above_m > -BELOW_M)
     middle = np.broadcast_to(np.arange(sweep.size) + 0.5, low.shape)
     ground = _planes(lowest, is_ground, _beside(sweep), middle.T, middle)
-    return (sweep.z_m - _interpolated(ground, sweep)).astype(np.float32)
+    height_m = sweep.z_m - _interpolated(ground, sweep)
+    return np.clip(height_m, -MOST_M, MOST_M).astype(np.float32)
 
 
 def _on_map(xyz_m: Floats, cell_m: float) -> _Sweep:

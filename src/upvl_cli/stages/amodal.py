@@ -19,16 +19,16 @@ if TYPE_CHECKING:
 class AmodalParams:
     """Settings of `amodal`."""
 
-    moving_mps: float = param("slower motion gives no heading", "m/s", least=0)
-    foot_m: float = param("points lower than this have no say in length and width", "m", least=0)
-    min_points: int = param("points that a frame needs to be registered", least=3)
-    radius_m: float = param("pairs further apart are left out of the registration", "m", above=0)
-    iterations: int = param("most steps of a registration", least=1)
+    moving_mps: float = param("slower motion gives no heading", "m/s", least=0, most=200)
+    foot_m: float = param("points lower than this have no say in length and width", "m", least=0, most=10)
+    min_points: int = param("points that a frame needs to be registered", least=3, most=10**6)
+    radius_m: float = param("pairs further apart are left out of the registration", "m", least=0.01, most=20)
+    iterations: int = param("most steps of a registration", least=1, most=10_000)
     min_inlier_share: float = param(
         "a frame of which a smaller share finds its place is not registered", least=0, most=1
     )
-    edge_share: float = param("an edge of a box is reached by this share of the frames", above=0, most=1)
-    min_aspect: float = param("a vehicle is at least this many times as long as wide", least=1)
+    edge_share: float = param("an edge of a box is reached by this share of the frames", least=0.001, most=1)
+    min_aspect: float = param("a vehicle is at least this many times as long as wide", least=1, most=100)
 
 
 def run(inputs: Inputs, params: AmodalParams) -> Iterator[LabelRow]:

@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 class FlowParams:
     """Settings of `flow`."""
 
-    max_speed_mps: float = param("a faster component is noise", "m/s", above=0, most=80)
-    eps_m: float = param("points closer than this are one component", "m", above=0)
-    min_points: int = param("points that make a neighbourhood dense", least=1)
-    voxel_m: float = param("points closer than this count as one place", "m", above=0)
+    max_speed_mps: float = param("a faster component is noise", "m/s", least=0.1, most=80)
+    eps_m: float = param("points closer than this are one component", "m", least=0.05, most=20)
+    min_points: int = param("points that make a neighbourhood dense", least=1, most=10**6)
+    voxel_m: float = param("points closer than this count as one place", "m", least=0.01, most=10)
     still_misfit: float = param(
-        "a component this close to the next sweep, in spacings, stands still", least=0
+        "a component this close to the next sweep, in spacings, stands still", least=0, most=100
     )
     min_gain: float = param("motion must lower that misfit by this share", least=0, most=1)
 

@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 class GroundParams:
     """Settings of `ground`."""
 
-    cell_m: float = param("edge of the cells of the ground map", "m", above=0)
-    max_slope: float = param("steepest ground, as rise over run", above=0)
-    tolerance_m: float = param("ground may lie this far above the map's planes", "m", above=0)
-    max_height_m: float = param("points up to this height above the map are ground", "m", least=0)
+    cell_m: float = param("edge of the cells of the ground map", "m", least=0.1, most=20)
+    max_slope: float = param("steepest ground, as rise over run", least=0.001, most=10)
+    tolerance_m: float = param("ground may lie this far above the map's planes", "m", least=0.001, most=10)
+    max_height_m: float = param("points up to this height above the map are ground", "m", least=0, most=20)
 
 
 @dataclass(frozen=True)

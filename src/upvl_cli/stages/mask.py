@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 class MaskParams:
     """Settings of `mask`."""
 
-    min_speed_mps: float = param("a point moves from this speed on: the paper's eps_sf", "m/s", least=0)
+    min_speed_mps: float = param(
+        "a point moves from this speed on: the paper's eps_sf", "m/s", least=0, most=200
+    )
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,9 @@ class NmsParams:
     """Settings of `nms`."""
 
     max_iou: float = param("of two boxes that overlap more, seen from above, the worse goes", least=0, most=1)
-    min_volume_m3: float = param("a smaller box is dropped", "m^3", least=0)
-    max_volume_m3: float = param("a larger box is dropped", "m^3", above=0)
-    min_height_m: float = param("a lower box is dropped", "m", least=0)
+    min_volume_m3: float = param("a smaller box is dropped", "m^3", least=0, most=10**6)
+    max_volume_m3: float = param("a larger box is dropped", "m^3", least=0.001, most=10**6)
+    min_height_m: float = param("a lower box is dropped", "m", least=0, most=100)
 
 
 def run(inputs: Inputs, params: NmsParams) -> Iterator[LabelRow]:

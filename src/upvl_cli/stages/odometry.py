@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 class OdometryParams:
     """Settings of `odometry`."""
 
-    voxel_m: float = param("edge of the voxels of the local map", "m", above=0)
-    min_range_m: float = param("nearer points are left out: they are the car itself", "m", least=0)
-    max_range_m: float = param("farther points are left out", "m", above=0)
+    voxel_m: float = param("edge of the voxels of the local map", "m", least=0.01, most=10)
+    min_range_m: float = param("nearer points are left out: they are the car itself", "m", least=0, most=1000)
+    max_range_m: float = param("farther points are left out", "m", least=1, most=1000)
 
 
 @dataclass(frozen=True)

@@ -18,19 +18,25 @@ if TYPE_CHECKING:
 class ProposeParams:
     """Settings of `propose`."""
 
-    eps_m: float = param("neighbours are closer than this", "m", above=0)
-    eps_mps: float = param("and their motion differs by less than this", "m/s", above=0)
-    min_points: int = param("points that make a dense neighbourhood, and the fewest of an object", least=1)
-    voxel_m: float = param("points closer than this count as one place", "m", above=0)
+    eps_m: float = param("neighbours are closer than this", "m", least=0.05, most=20)
+    eps_mps: float = param("and their motion differs by less than this", "m/s", least=0.01, most=1000)
+    min_points: int = param(
+        "points that make a dense neighbourhood, and the fewest of an object", least=1, most=10**6
+    )
+    voxel_m: float = param("points closer than this count as one place", "m", least=0.01, most=10)
     max_background_share: float = param(
         "drop an object with a larger share of background points: the paper's r_bg", least=0, most=1
     )
     max_lasting_share: float = param(
         "drop an object that claims to leave its place while a larger share of it stays", least=0, most=1
     )
-    moving_mps: float = param("from this speed on motion gives the heading, below it shape", "m/s", least=0)
-    foot_m: float = param("points lower than this have no say in length, width and heading", "m", least=0)
-    person_gap_m: float = param("persons this far apart are not one object", "m", above=0)
+    moving_mps: float = param(
+        "from this speed on motion gives the heading, below it shape", "m/s", least=0, most=200
+    )
+    foot_m: float = param(
+        "points lower than this have no say in length, width and heading", "m", least=0, most=10
+    )
+    person_gap_m: float = param("persons this far apart are not one object", "m", least=0.01, most=20)
 
 
 @dataclass(frozen=True)

@@ -18,15 +18,19 @@ if TYPE_CHECKING:
 class TrackParams:
     """Settings of `track`."""
 
-    agility_m2ps3: float = param("how strongly objects accelerate, as a spectral density", "m^2/s^3", above=0)
-    position_noise_m: float = param("standard deviation of a box's centre", "m", above=0)
-    velocity_noise_mps: float = param("standard deviation of a box's velocity", "m/s", above=0)
-    gate: float = param("standard deviations within which a box can be the track's", above=0)
-    max_coast_s: float = param("a track ends when it has had no box for longer", "s", least=0)
-    max_gap_s: float = param("tracks this far apart in time can be one object", "s", least=0)
-    min_boxes: int = param("drop a track with fewer boxes", least=1)
-    min_reach_m: float = param("drop a track whose motion never takes it further", "m", least=0)
-    min_follow: float = param("drop a track that moves on by a smaller share of what its flow claims", most=1)
+    agility_m2ps3: float = param(
+        "how strongly objects accelerate, as a spectral density", "m^2/s^3", least=0.001, most=10_000
+    )
+    position_noise_m: float = param("standard deviation of a box's centre", "m", least=0.001, most=100)
+    velocity_noise_mps: float = param("standard deviation of a box's velocity", "m/s", least=0.001, most=200)
+    gate: float = param("standard deviations within which a box can be the track's", least=0.1, most=100)
+    max_coast_s: float = param("a track ends when it has had no box for longer", "s", least=0, most=3600)
+    max_gap_s: float = param("tracks this far apart in time can be one object", "s", least=0, most=3600)
+    min_boxes: int = param("drop a track with fewer boxes", least=1, most=10**6)
+    min_reach_m: float = param("drop a track whose motion never takes it further", "m", least=0, most=10_000)
+    min_follow: float = param(
+        "drop a track that moves on by a smaller share of what its flow claims", least=-1000, most=1
+    )
 
 
 @dataclass(frozen=True)
