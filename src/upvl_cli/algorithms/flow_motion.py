@@ -54,12 +54,15 @@ def _voted(mine_m: Floats, target_m: Floats, reach_m: float) -> Array:
     """(k, 2) displacements that most pairs of points agree on."""
     grown = np.array([reach_m, reach_m, RISE_M])
     low, high = mine_m.min(axis=0) - grown, mine_m.max(axis=0) + grown
-    near = target_m[((target_m >= low) & (target_m <= high)).all(axis=1)]
+    x, y, z = target_m.T
+    near = target_m[
+        (x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1]) & (z >= low[2]) & (z <= high[2])
+    ]
     near = near[:: max(1, len(near) // VOTERS)]
-    way_m = near[:, None] - mine_m
-    counts = (np.abs(way_m[..., 2]) < RISE_M) & ((way_m[..., :2] ** 2).sum(axis=-1) <= reach_m**2)
+    x, y, z = (there[:, None] - here for there, here in zip(near.T, mine_m.T, strict=True))
+    counts = (np.abs(z) < RISE_M) & (x * x + y * y <= reach_m**2)
     half = int(reach_m / CELL_M) + 1
-    x, y = np.floor(way_m[counts][:, :2] / CELL_M).astype(np.int64).T + half
+    x, y = (np.floor(way[counts] / CELL_M).astype(np.int64) + half for way in (x, y))
     votes = np.bincount(x * 2 * half + y, minlength=4 * half * half)
     top = np.argsort(-votes, kind="stable")[:VOTES]
     top = top[votes[top] > 0]

@@ -9,13 +9,14 @@ from scipy.spatial import cKDTree
 
 from upvl_cli.algorithms.flow_groups import Groups, Poses, centres, sample, turned
 from upvl_cli.algorithms.flow_motion import best_starts, icp, starts
-from upvl_cli.algorithms.flow_surface import Surface, misfit, surface, tree_of
+from upvl_cli.algorithms.flow_surface import Surface, misfit, surface, tree_of, witnesses
 from upvl_cli.types import Bools, Floats, Ints
 
 SEARCH = 80  # points of a group that look for its motion,
 REFINE = 400  # and that make it exact
 SEARCH_RADII_M = (1.0, 0.7, 0.5, 0.4, 0.3, 0.3, 0.3)
 REFINE_RADII_M = (0.3, 0.2, 0.2)
+WITNESSES = 0.2  # share of points that must tell a motion; the side of a wall has none
 FAR_MISFIT = 0.1  # what a metre of motion must gain: of two places that fit alike, the nearer is likelier
 
 
@@ -91,17 +92,28 @@ def likeliest(
         total: How many groups there are.
 
     Returns:
-        The points that judged, the poses, and the misfit of these.
+        The points that judged, the poses, and what these cost: their misfit, and more for farther ones.
     """
     tree = tree_of(free_m)
     points = seen(xyz_m, group, total, SEARCH)
     own_m = centres(free_m, of_free, total)
     poses = best_starts(points.groups, tree, starts(points.groups, free_m, own_m, pair.reach_m))
     poses = icp(points, tree, poses, SEARCH_RADII_M)
-    way_m = np.linalg.norm(poses.place_m - points.groups.centre_m[poses.group], axis=1)
-    cost = np.where(way_m > pair.reach_m, np.inf, misfit(points, tree, poses) + FAR_MISFIT * way_m)
-    order = np.lexsort((cost, poses.group))
+    cost = _cost(points, tree, poses)
+    way_m = _way_m(points.groups, poses)
+    order = np.lexsort((np.where(way_m > pair.reach_m, np.inf, cost), poses.group))
     poses = poses[order[np.flatnonzero(np.diff(poses.group[order], prepend=-1))]]
     points = seen(xyz_m, group, total, REFINE)
     poses = icp(points, tree, poses, REFINE_RADII_M)
-    return points, poses, misfit(points, tree, poses)
+    return points, poses, _cost(points, tree, poses)
+
+
+def _cost(points: Surface, tree: cKDTree, poses: Poses) -> Floats:
+    """(h,) misfit of hypotheses, and what their length costs; infinite where too few points tell the motion."""
+    cost = misfit(points, tree, poses) + FAR_MISFIT * _way_m(points.groups, poses)
+    return np.where(witnesses(points, poses) < WITNESSES, np.inf, cost)
+
+
+def _way_m(groups: Groups, poses: Poses) -> Floats:
+    """(h,) how far hypotheses move the centres of their groups."""
+    return np.asarray(np.linalg.norm(poses.place_m - groups.centre_m[poses.group], axis=1))

@@ -14,8 +14,8 @@ from upvl_cli.algorithms.voxels import voxelize
 from upvl_cli.types import Bools, Floats, Ints
 
 PATCH_M = 0.5  # edge of the cubes that are asked whether they are where they should be
-PATCH = 8  # points of a cube that answer
-NEAR_RAD = 0.002  # no LiDAR's points are closer together: nearer than this times the range is nothing
+PATCH = 6  # points of a cube that answer
+NEAR_RAD = 0.003  # of the range: no LiDAR's spacing is finer, so what lies nearer need not be looked at
 MIN_POINTS = 30  # of a part: edges of shadows leave fewer
 
 
@@ -123,7 +123,7 @@ def unexplained(
     groups = sample(xyz_m, patch, total=total, most=PATCH)
     motion = centres(np.column_stack([shift_m, yaw_rad]), patch, total)
     poses = Poses(np.arange(total), motion[:, 3], groups.centre_m + motion[:, :3])
-    near_m = np.maximum(1.5 * NOISE_M, NEAR_RAD * np.linalg.norm(groups.centre_m, axis=1))
+    near_m = still_misfit * (NOISE_M + NEAR_RAD * np.linalg.norm(groups.centre_m, axis=1))
     far = np.flatnonzero(nearest_m(groups, tree, poses) > near_m)
     patch = renumbered(patch, far)
     around_m = xyz_m[np.isin(label, label[patch >= 0])]
