@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from upvl_cli.drawing import colours
@@ -43,3 +45,10 @@ def test_a_small_picture_is_enlarged() -> None:
         GREY[:100, :300], CAMERA, Boxes(np.zeros((0, 7)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
     )
     assert small.size == (1200, 400)
+
+
+def test_a_line_that_leads_far_aside_is_not_walked_along() -> None:
+    # Its near edges span 9 000 million pixels: Pillow would take minutes, or count beyond its numbers.
+    camera = replace(CAMERA, intrinsic=np.array([[1e6, 0, 600], [0, 1e6, 200], [0, 0, 1]]))
+    boxes = Boxes(np.array([[5.0, 0, 0, 8, 9_000, 2, 0]]), np.zeros((1, 3)), np.ones(1), np.zeros(1))
+    np.testing.assert_array_equal(np.asarray(camera_view(GREY, camera, boxes)), GREY)
