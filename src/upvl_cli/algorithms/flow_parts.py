@@ -16,6 +16,7 @@ from upvl_cli.types import Bools, Floats, Ints
 PATCH_M = 0.5  # edge of the cubes that are asked whether they are where they should be
 PATCH = 6  # points of a cube that answer
 NEAR_RAD = 0.003  # of the range: no LiDAR's spacing is finer, so what lies nearer need not be looked at
+MOST_POINTS = 1000  # of a component: a street front has more, and takes longer than all the rest
 MIN_POINTS = 30  # of a part: edges of shadows leave fewer
 
 
@@ -35,6 +36,9 @@ def move_parts(
         min_points: Points that make a neighbourhood dense.
         voxel_m: Points closer than this count as one place when pieces are made.
     """
+    size = np.bincount(of_source[of_source >= 0], minlength=int(of_source.max(initial=-1)) + 1)
+    of_source = renumbered(of_source, np.flatnonzero(size <= MOST_POINTS))
+    of_target = renumbered(of_target, np.flatnonzero(size <= MOST_POINTS))
     stirred = (of_source >= 0) & unexplained(
         pair.source_m, pair.shift_m, pair.yaw_rad, of_source, pair.tree, pair.still_misfit
     )
