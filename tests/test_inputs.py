@@ -37,7 +37,7 @@ def test_a_declared_input_that_is_not_made_says_so(workspace: Workspace) -> None
 
 def test_a_stamp_holds_every_value_of_a_stage_and_those_above(workspace: Workspace) -> None:
     stamp = json.loads(workspace.shard_stamp(BY_NAME["mask"], "street-0"))
-    assert set(stamp) == {"raw", "odometry", "ground", "flow", "mask"}
+    assert set(stamp) == {"raw", "odometry", "ground", "flow", "mask", "inputs"}
     assert stamp["mask"]["values"] == {"min_speed_mps": 1.0}
 
 

@@ -189,8 +189,8 @@ def test_a_region_cuts_both_sides(workspace: Path) -> None:
         ({"what": "detections"}, "there are no detections: no stage trains or runs a detector yet"),
         ({"what": "boxes"}, "--what 'boxes': expected one of labels, detections, tracks"),
         ({"region": "40"}, "--region '40': expected length x width in metres around the car, such as 100x40"),
-        ({"iou": [0.0]}, "iou[0] = 0.0 must be > 0 and <= 1"),
-        ({"iou": [float("nan")]}, "iou[0] = nan must be > 0 and <= 1"),
+        ({"iou": [0.0]}, "iou[0] = 0.0 must be >= 0.001 and <= 1"),
+        ({"iou": [float("nan")]}, "iou[0] = nan must be >= 0.001 and <= 1"),
         ({"iou": [0.5, 0.4]}, "eval: iou = [0.5, 0.4] must be ascending numbers, and at least one"),
     ],
 )
