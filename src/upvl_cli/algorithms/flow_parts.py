@@ -16,7 +16,7 @@ from upvl_cli.types import Bools, Floats, Ints
 PATCH_M = 0.5  # edge of the cubes that are asked whether they are where they should be
 PATCH = 6  # points of a cube that answer
 NEAR_RAD = 0.003  # of the range: no LiDAR's spacing is finer, so what lies nearer need not be looked at
-MOST_POINTS = 1000  # of a component: a street front has more, and takes longer than all the rest
+MOST_POINTS = 3000  # of a component: a street front has more, and takes longer than all the rest
 MIN_POINTS = 30  # of a part: edges of shadows leave fewer
 
 
