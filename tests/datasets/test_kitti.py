@@ -299,6 +299,12 @@ BAD_DRIVES = {
         r"0000000001.txt, line 1 holds '49.0 8.4 116.0 0 0', 5 fields; expected 30",
     ),
     "oxts: empty": (lambda f: (f / "oxts/data/0000000000.txt").write_text(""), "0000000000.txt, line 1"),
+    "times a nanosecond apart": (
+        lambda f: (f / "velodyne_points/timestamps.txt").write_text(
+            "\n".join(f"2011-09-26 13:00:00.00000000{i}" for i in range(4))
+        ),
+        "timestamps.txt, line 2: frame 1 is only 1 ns later than frame 0",
+    ),
     "times a year apart": (
         lambda f: change_line(f / "velodyne_points/timestamps.txt", 3, "2012-09-26 13:00:00.2"),
         "velodyne_points/timestamps.txt, lines 1 and 3 are 8784 hours apart",

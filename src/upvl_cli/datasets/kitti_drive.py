@@ -27,6 +27,7 @@ _LIDAR_HEIGHT_M = 1.73  # the Velodyne above the road: Geiger et al., IJRR 2013,
 # The car around its LiDAR, with the rack whose tips return up to 1.5 m to each side (seen in drive 0001):
 # what is measured in there moves as the car does, and is the car.
 _CAR_X_M, _CAR_Y_M = (-2.3, 3.0), (-1.6, 1.6)
+_LEAST_STEP_NS = 1_000_000  # no LiDAR makes a thousand sweeps a second; speeds are divided by this
 _CAMERAS = ("image_00", "image_01", "image_02", "image_03")
 
 
@@ -170,10 +171,12 @@ def _frames(
         reasons = ", ".join(f"{count} {reason}" for reason, count in skipped.items()) or "no .bin"
         raise BadInput(f"{folder} has no complete frame ({reasons}); expected {EXPECTED} and its time stamp")
     for before, after in zip(frames, frames[1:], strict=False):
-        if not after.time_ns > before.time_ns:
+        later_ns = after.time_ns - before.time_ns
+        if later_ns < _LEAST_STEP_NS:
             where = f"{folder}/velodyne_points/timestamps.txt, line {after.index + 1}"
+            how = f"only {later_ns} ns" if later_ns > 0 else "not"
             raise BadInput(
-                f"{where}: frame {after.index} is not later than frame {before.index}; mend the line"
+                f"{where}: frame {after.index} is {how} later than frame {before.index}; mend the line"
             )
     return tuple(frames)
 
