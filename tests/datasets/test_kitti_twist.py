@@ -61,7 +61,7 @@ def test_without_neighbours_nothing_moves(frames: int) -> None:
 
 
 def test_nothing_untwisted_is_nothing() -> None:
-    assert untwist(np.empty((0, 3)), np.ones(6), turn_s=0.1).shape == (0, 3)
+    assert untwist(np.empty((0, 3)), np.ones(6), np.empty(0)).shape == (0, 3)
 
 
 speed = st.floats(-20, 20)
@@ -82,13 +82,13 @@ def test_untwisting_is_the_screw_motion_at_each_points_time(
         for place, seconds in zip(xyz, offsets_s(xyz, turn_s=0.1), strict=True)
     ]
     twist = np.array([*velocity, *turning])
-    np.testing.assert_allclose(untwist(xyz, twist, turn_s=0.1), slow, atol=0.06)
+    np.testing.assert_allclose(untwist(xyz, twist, offsets_s(xyz, turn_s=0.1)), slow, atol=0.06)
     small = twist * 1e-3
     slow_small = [
         apply(expm(generator * 1e-3 * seconds), place[None])[0]
         for place, seconds in zip(xyz, offsets_s(xyz, turn_s=0.1), strict=True)
     ]
-    np.testing.assert_allclose(untwist(xyz, small, turn_s=0.1), slow_small, atol=1e-7)
+    np.testing.assert_allclose(untwist(xyz, small, offsets_s(xyz, turn_s=0.1)), slow_small, atol=1e-7)
 
 
 @pytest.mark.real
@@ -104,8 +104,8 @@ def test_real_sweeps_fit_each_other_best_when_untwisted_this_way(shared: Path) -
         worlds = []
         for step in (first, second):
             xyz = drive.points(drive.frames[step].index).xyz_ego_m.astype(np.float64)
-            back = untwist(xyz, -motion[step], turn_s=drive.turn_s)  # as it was seen, nearly
-            xyz = untwist(back, sign * motion[step], turn_s=drive.turn_s)
+            back = untwist(xyz, -motion[step], offsets_s(xyz, turn_s=drive.turn_s))  # as it was seen, nearly
+            xyz = untwist(back, sign * motion[step], offsets_s(back, turn_s=drive.turn_s))
             near = (xyz[:, 2] > -1.2) & (np.hypot(xyz[:, 0], xyz[:, 1]) < 40)
             worlds.append(apply(drive.world_from_ego[step], xyz[near]))
         return float((cKDTree(worlds[0]).query(worlds[1], distance_upper_bound=0.1)[0] < 0.1).mean())

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -75,9 +75,16 @@ class KittiDrive:
         if frame not in self.sweeps:
             known = f"it has {len(self.sweeps)} between {min(self.sweeps)} and {max(self.sweeps)}"
             raise BadInput(f"{self.name} has no frame {frame}; {known}")
-        seen = _without_car(read_sweep(self.sweeps[frame]))
-        offset_s = kitti_twist.offsets_s(seen.xyz_ego_m, turn_s=self.turn_s)
-        return replace(seen, xyz_ego_m=self.untwist(frame, seen.xyz_ego_m), time_offset_ns=offset_s * 1e9)
+        values = _without_car(read_sweep(self.sweeps[frame]))
+        xyz_ego_m, total = np.ascontiguousarray(values[:, :3]), len(values)
+        offset_s = kitti_twist.offsets_s(xyz_ego_m, turn_s=self.turn_s)
+        return Points(
+            xyz_ego_m=self._untwist(frame, xyz_ego_m, offset_s),
+            intensity=np.ascontiguousarray(values[:, 3]),
+            elongation=np.zeros(total, np.float32),
+            sensor=np.zeros(total, np.uint8),
+            time_offset_ns=offset_s * 1e9,
+        )
 
     def untwist(self, frame: int, xyz_ego_m: Array) -> Array:
         """Return places that the turning LiDAR saw, as from where the car stood at the frame's time.
@@ -86,13 +93,16 @@ class KittiDrive:
             frame: Index of the frame.
             xyz_ego_m: (n, 3) places; without poses they stay what they are.
         """
+        return self._untwist(frame, xyz_ego_m, kitti_twist.offsets_s(xyz_ego_m, turn_s=self.turn_s))
+
+    def _untwist(self, frame: int, xyz_ego_m: Array, offset_s: Array) -> Array:
         if self.world_from_ego is None:
             return xyz_ego_m
         step = [known.index for known in self.frames].index(frame)
         near = slice(max(step - 1, 0), step + 2)
         time_ns = np.array([known.time_ns for known in self.frames[near]])
         twists = kitti_twist.twists(time_ns, self.world_from_ego[near])
-        return kitti_twist.untwist(xyz_ego_m, twists[step - near.start], turn_s=self.turn_s)
+        return kitti_twist.untwist(xyz_ego_m, twists[step - near.start], offset_s)
 
     def image(self, frame: int, camera: str) -> Image | None:
         """Return the picture of a camera such as `image_02`, or None where it is missing.
@@ -214,8 +224,9 @@ def _pictures(
     return pictures
 
 
-def _without_car(seen: Points) -> Points:
-    """The points of a sweep that do not lie on the car that carries the LiDAR."""
-    x_m, y_m = seen.xyz_ego_m[:, 0], seen.xyz_ego_m[:, 1]
+def _without_car(values: Array) -> Array:
+    """The points of a sweep, (n, 4), that do not lie on the car that carries the LiDAR."""
+    x_m, y_m = values[:, 0], values[:, 1]
     along = (x_m > _CAR_X_M[0]) & (x_m < _CAR_X_M[1])
-    return seen[~(along & (y_m > _CAR_Y_M[0]) & (y_m < _CAR_Y_M[1]))]
+    on_car = along & (y_m > _CAR_Y_M[0]) & (y_m < _CAR_Y_M[1])
+    return np.asarray(values.take(np.flatnonzero(~on_car), axis=0))

@@ -12,7 +12,7 @@ from PIL import Image
 
 from upvl_cli.datasets.kitti_text import read_bytes
 from upvl_cli.errors import BadInput
-from upvl_cli.types import Array, Points
+from upvl_cli.types import Array
 
 _POINT_BYTES = 16  # x, y, z, reflectance as little-endian float32
 _MOST_M = 1e4  # a LiDAR sees a few hundred metres; farther is no place but a damaged number
@@ -24,8 +24,8 @@ def numbered_files(folder: Path, suffix: str) -> dict[int, Path]:
     return {int(path.stem): path for path in sorted(folder.glob(_NUMBER + suffix))}
 
 
-def read_sweep(path: Path) -> Points:
-    """The points of a `.bin`; raises `BadInput` where it is missing, cut off or no sweep."""
+def read_sweep(path: Path) -> Array:
+    """The (n, 4) float32 x, y, z and reflectance of a `.bin`; `BadInput` where it is missing, cut off or no sweep."""
     content = read_bytes(path)
     if not content or len(content) % _POINT_BYTES:
         raise BadInput(
@@ -33,6 +33,14 @@ def read_sweep(path: Path) -> Points:
             "(float32 x, y, z, reflectance): it is empty or cut off; copy it again, or remove it to skip it"
         )
     values = np.frombuffer(content, dtype="<f4").reshape(-1, 4)
+    # One pass over what is nearly always in order; NaN fails every comparison.
+    if not np.abs(values).max() <= _MOST_M:
+        _check_points(path, values)
+    return values
+
+
+def _check_points(path: Path, values: Array) -> None:
+    """Raise `BadInput` where points cannot be what a LiDAR saw."""
     wrong = len(values) - np.isfinite(values).all(axis=1).sum()
     if wrong:
         raise BadInput(
@@ -45,13 +53,6 @@ def read_sweep(path: Path) -> Points:
             f"{path}: {far} of {len(values)} points are more than {_MOST_M / 1000:g} km away, which no LiDAR "
             "sees; copy it again, or remove it to skip it"
         )
-    return Points(
-        xyz_ego_m=np.ascontiguousarray(values[:, :3]),
-        intensity=np.ascontiguousarray(values[:, 3]),
-        elongation=np.zeros(len(values)),
-        sensor=np.zeros(len(values)),
-        time_offset_ns=np.zeros(len(values)),
-    )
 
 
 def check_picture(path: Path, width_px: int, height_px: int) -> None:

@@ -65,13 +65,13 @@ def twists(time_ns: Array, world_from_ego: Array) -> Array:
     return np.asarray((before * after_s + after * before_s) / (before_s + after_s))
 
 
-def untwist(xyz_ego_m: Array, twist: Array, *, turn_s: float) -> Array:
+def untwist(xyz_ego_m: Array, twist: Array, offset_s: Array) -> Array:
     """Where the places lie from where the car stood at the frame's time.
 
     Args:
         xyz_ego_m: (n, 3) places as the turning LiDAR saw them.
         twist: (6,) velocity and turn rate of the car along its axes.
-        turn_s: Seconds of one turn.
+        offset_s: (n,) how long after the frame's time each place was seen.
 
     Returns:
         (n, 3) in the precision of the places; to first order, which is 2 cm at 50 m in a turn of 0.5 rad/s.
@@ -80,4 +80,4 @@ def untwist(xyz_ego_m: Array, twist: Array, *, turn_s: float) -> Array:
     rate_x, rate_y, rate_z = twist[3:]
     skew = np.array([[0, -rate_z, rate_y], [rate_z, 0, -rate_x], [-rate_y, rate_x, 0]])
     velocity = xyz @ skew.T.astype(xyz.dtype) + twist[:3].astype(xyz.dtype)
-    return np.asarray(xyz + offsets_s(xyz, turn_s=turn_s)[:, None] * velocity)
+    return np.asarray(xyz + offset_s[:, None] * velocity)
