@@ -18,6 +18,9 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:
             stream.reconfigure(errors="replace")  # type: ignore[union-attr]
+    # The stages keep the cores busy with frames; threads of the linear algebra would only be in their way,
+    # and would add up in another order on a machine with other cores.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from upvl_cli.cli import run
 
     _on_signals(_interrupt)

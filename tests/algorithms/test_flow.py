@@ -21,10 +21,9 @@ DT_S = 0.1
 NOISE_M = 0.01
 
 
-SLOW = pytest.mark.xfail(
-    reason="what mostly slides along itself, or hardly moves, is still missed", strict=False
+LINES = pytest.mark.xfail(
+    reason="the lines of one scan lie between those of the next: it seems to rise", strict=False
 )
-LINES = pytest.mark.xfail(reason="vertical motion is not ruled out yet", strict=False)
 
 
 def flow_mps(source_m: np.ndarray, target_m: np.ndarray, dt_s: float = DT_S) -> np.ndarray:
@@ -63,7 +62,7 @@ def error_mps(found: np.ndarray, true_mps: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("heading_rad", [0.0, 0.7, np.pi / 2])
-@pytest.mark.parametrize("speed_mps", [pytest.param(2.0, marks=SLOW), 6.0, 15.0, 25.0])
+@pytest.mark.parametrize("speed_mps", [2.0, 6.0, 15.0, 25.0])
 def test_a_car_gets_its_speed(speed_mps: float, heading_rad: float) -> None:
     way = speed_mps * DT_S * np.array([np.cos(heading_rad), np.sin(heading_rad)])
     source = placed(car(0), 12, 4, heading_rad)
@@ -71,7 +70,7 @@ def test_a_car_gets_its_speed(speed_mps: float, heading_rad: float) -> None:
     assert error_mps(flow_mps(source, target), np.append(way, 0) / DT_S) < 0.3
 
 
-@pytest.mark.parametrize("speed_mps", [pytest.param(1.2, marks=SLOW), 1.8])
+@pytest.mark.parametrize("speed_mps", [1.2, 1.8])
 def test_a_walker_gets_his_speed(speed_mps: float) -> None:
     source, target = placed(walker(0), 9, 3), placed(walker(1), 9, 3 - speed_mps * DT_S)
     assert error_mps(flow_mps(source, target), np.array([0, -speed_mps, 0])) < 0.4

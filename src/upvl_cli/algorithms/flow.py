@@ -9,19 +9,18 @@ started from a vote over displacements: on real pairs that is both nearer the tr
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from upvl_cli.algorithms.clustering import NOISE, dbscan_voxels
 from upvl_cli.algorithms.flow_groups import Groups, Poses, posed, renumbered, sample, still
 from upvl_cli.algorithms.flow_motion import MIN_PAIRS, nearest_m
-from upvl_cli.algorithms.flow_pair import Pair, likeliest, seen
+from upvl_cli.algorithms.flow_pair import Pair, likeliest
 from upvl_cli.algorithms.flow_parts import move_parts
 from upvl_cli.algorithms.flow_surface import NOISE_M, misfit, tree_of
 from upvl_cli.algorithms.voxels import voxelize
 from upvl_cli.types import Bools, Floats, Ints
 
 CLAIM_M = 0.5  # edge of the places that only one thing can be in
-SCREEN = 48  # points of a component that tell whether it may have moved
+SCREEN = 32  # points of a component that tell whether it may have moved
 
 
 def estimate(
@@ -55,6 +54,7 @@ def estimate(
     pair = Pair(
         source_xyz_m,
         target_xyz_m,
+        tree_of(source_xyz_m),
         tree_of(target_xyz_m),
         np.zeros((total, 3)),
         np.zeros(total),
@@ -72,21 +72,19 @@ def estimate(
 
 def _move_components(pair: Pair, of_source: Ints, of_target: Ints) -> None:
     """Give each component the motion that explains it better than standing still."""
-    restless = _restless(pair.source_m, of_source, pair.tree, pair.still_misfit)
+    restless = _restless(pair, of_source)
     of_source = renumbered(of_source, restless)
     # What stands still is nothing that something else has become; noise may be.
     free = (of_target == NOISE) | (renumbered(of_target, restless) >= 0)
     if not len(restless) or not free.any():
         return
-    of_free = renumbered(of_target[free], restless)
-    points, poses, after = likeliest(
-        pair, pair.source_m, of_source, pair.target_m[free], of_free, len(restless)
-    )
+    of_free, everything = renumbered(of_target[free], restless), np.arange(len(of_source))
+    points, poses, after = likeliest(pair, everything, of_source, pair.target_m[free], of_free, len(restless))
     before = misfit(points, pair.tree, still(points.groups))
     moves = (before > pair.still_misfit) & (after < (1 - pair.min_gain) * before)
     gain = np.bincount(of_source[of_source >= 0]) * (before - after)
     moves[moves] = _undisputed(points.groups, poses[moves], gain[moves])
-    pair.move(np.arange(len(of_source)), of_source, moves, points.groups, poses)
+    pair.move(everything, of_source, moves, points.groups, poses)
 
 
 def _undisputed(groups: Groups, poses: Poses, gain: Floats) -> Bools:
@@ -100,10 +98,10 @@ def _undisputed(groups: Groups, poses: Poses, gain: Floats) -> Bools:
     return np.asarray(2 * kept >= np.bincount(item, minlength=len(gain)))
 
 
-def _restless(source_xyz_m: Floats, of_source: Ints, tree: cKDTree, still_misfit: float) -> Ints:
+def _restless(pair: Pair, of_source: Ints) -> Ints:
     """The components that do not lie on the other sweep, by a sample of their points."""
     total = int(of_source.max(initial=NOISE)) + 1
-    groups = sample(source_xyz_m, of_source, total=total, most=SCREEN)
-    off = np.flatnonzero((groups.size >= MIN_PAIRS) & (nearest_m(groups, tree, still(groups)) > NOISE_M))
-    points = seen(source_xyz_m, renumbered(of_source, off), len(off), SCREEN)
-    return off[misfit(points, tree, still(points.groups)) > still_misfit]
+    groups = sample(pair.source_m, of_source, total=total, most=SCREEN)
+    off = np.flatnonzero((groups.size >= MIN_PAIRS) & (nearest_m(groups, pair.tree, still(groups)) > NOISE_M))
+    points = pair.seen(np.arange(len(of_source)), renumbered(of_source, off), len(off), SCREEN)
+    return off[misfit(points, pair.tree, still(points.groups)) > pair.still_misfit]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from upvl_cli.algorithms.flow_groups import Groups, Poses, posed, sums, turned
+from upvl_cli.algorithms.flow_groups import Groups, Poses, posed, turned
 from upvl_cli.algorithms.flow_surface import Surface
 from upvl_cli.types import Array, Floats, Ints
 
@@ -121,24 +121,48 @@ def _step(surface: Surface, tree: cKDTree, poses: Poses, radius_m: float) -> tup
     paired = np.isfinite(distance)
     item, point, place_m = item[paired], point[paired], place_m[paired]
     way_m = tree.data[partner[paired]] - place_m
-    arm_m = place_m - poses.place_m[item]
-    # Of each point the columns turn, x, y, z and the way to go.
-    columns = np.zeros((len(item), 3, 5))
-    columns[:, 0, 0], columns[:, 1, 0] = -arm_m[:, 1], arm_m[:, 0]
-    columns[:, 0, 1] = columns[:, 1, 2] = columns[:, 2, 3] = 1
-    columns[:, :, 4] = way_m
-    flat = surface.flat[point]
-    normal = turned(poses.yaw_rad[item], surface.normal[point])
-    across = np.einsum("ni,nij->nj", normal, columns) * np.where(flat, np.sqrt(1 - ALONG), 0.0)[:, None]
-    rows = np.einsum("nij,nik->njk", columns, columns) * np.where(flat, ALONG, 1.0)[:, None, None]
-    rows += across[:, :, None] * across[:, None]
     total = len(poses.group)
-    found = np.flatnonzero(np.bincount(item, minlength=total) >= MIN_PAIRS)
-    system = sums(item, rows.reshape(-1, 25), total).reshape(total, 5, 5)[found]
-    count = np.bincount(item, minlength=total)[found]
-    rise_m = poses.place_m[found, 2] - surface.groups.centre_m[poses.group[found], 2]
+    count = np.bincount(item, minlength=total)
+    system = _normal_equations(
+        surface, point, poses.yaw_rad, place_m - poses.place_m[item], way_m, item, total
+    )
+    rise_m = poses.place_m[:, 2] - surface.groups.centre_m[poses.group, 2]
     system[:, 3, 3] += LEVEL * count
     system[:, 3, 4] -= LEVEL * count * rise_m
-    scale = np.trace(system[:, :4, :4], axis1=1, axis2=2)[:, None, None]
-    step = np.linalg.solve(system[:, :4, :4] + RIDGE * scale * np.eye(4), system[:, :4, 4:])[..., 0]
+    found = np.flatnonzero(count >= MIN_PAIRS)
+    system = system[found]
+    ridge = RIDGE * np.trace(system[:, :, :4], axis1=1, axis2=2)[:, None, None] * np.eye(4)
+    step = np.linalg.solve(system[:, :, :4] + ridge, system[:, :, 4:])[..., 0]
     return found, step[:, 0], step[:, 1:]
+
+
+def _normal_equations(
+    surface: Surface, point: Ints, yaw_rad: Floats, arm_m: Floats, way_m: Floats, item: Ints, total: int
+) -> Floats:
+    """(total, 4, 5) least squares of turn, x, y and z, and their right sides.
+
+    Args:
+        surface: What is known around the points.
+        point: (n,) the points that have a partner.
+        yaw_rad: (total,) how far each item has turned.
+        arm_m: (n, 3) from the centre of its item to each point.
+        way_m: (n, 3) from each point to its partner.
+        item: (n,) the item of each.
+        total: How many items there are.
+    """
+    (ax, ay, _), (wx, wy, wz) = arm_m.T, way_m.T
+    nx, ny, nz = turned(yaw_rad[item], surface.normal[point]).T
+    flat = surface.flat[point]
+    along, across = np.where(flat, ALONG, 1.0), np.where(flat, 1 - ALONG, 0.0)
+    # How turn, x, y, z and the way itself show across the patch, and their products in full.
+    seen = (ax * ny - ay * nx, nx, ny, nz, nx * wx + ny * wy + nz * wz)
+    full = {
+        (0, 0): ax * ax + ay * ay, (0, 1): -ay, (0, 2): ax, (0, 4): ax * wy - ay * wx,
+        (1, 1): 1.0, (2, 2): 1.0, (3, 3): 1.0, (1, 4): wx, (2, 4): wy, (3, 4): wz,
+    }  # fmt: skip
+    system = np.zeros((total, 5, 5))
+    for i in range(4):
+        for j in range(i, 5):
+            product = across * seen[i] * seen[j] + along * full.get((i, j), 0.0)
+            system[:, i, j] = system[:, j, i] = np.bincount(item, product, total)
+    return system[:, :4]

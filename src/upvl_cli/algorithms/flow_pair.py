@@ -13,9 +13,10 @@ from upvl_cli.algorithms.flow_surface import Surface, misfit, surface, tree_of, 
 from upvl_cli.types import Bools, Floats, Ints
 
 SEARCH = 80  # points of a group that look for its motion,
-REFINE = 400  # and that make it exact
-SEARCH_RADII_M = (1.0, 0.7, 0.5, 0.4, 0.3, 0.3, 0.3)
+REFINE = 200  # and that make it exact
+SEARCH_RADII_M = (1.0, 0.6, 0.4, 0.3, 0.3)
 REFINE_RADII_M = (0.3, 0.2, 0.2)
+RISE_M, SLOPE = 0.1, 0.2  # what stands on the ground rises no more than this, and this share of its way
 WITNESSES = 0.2  # share of points that must tell a motion; the side of a wall has none
 FAR_MISFIT = 0.1  # what a metre of motion must gain: of two places that fit alike, the nearer is likelier
 
@@ -27,6 +28,7 @@ class Pair:
     Attributes:
         source_m: (n, 3) points of the first sweep.
         target_m: (m, 3) points of the second, in the same axes.
+        source_tree: The first sweep's.
         tree: The second sweep's.
         shift_m: (n, 3) how far each point has moved.
         yaw_rad: (n,) how far what it belongs to has turned.
@@ -37,6 +39,7 @@ class Pair:
 
     source_m: Floats
     target_m: Floats
+    source_tree: cKDTree
     tree: cKDTree
     shift_m: Floats
     yaw_rad: Floats
@@ -72,21 +75,27 @@ class Pair:
         self.shift_m[point] = turned(poses.yaw_rad[group], local_m) + poses.place_m[group] - here_m
         self.yaw_rad[point] = poses.yaw_rad[group]
 
+    def seen(self, point: Ints, group: Ints, total: int, most: int) -> Surface:
+        """A sample of each group, with the surface around its points.
 
-def seen(xyz_m: Floats, group: Ints, total: int, most: int) -> Surface:
-    """A sample of each group, with the surface around its points: those of any group, -1 being none."""
-    return surface(sample(xyz_m, group, total=total, most=most), xyz_m[group >= 0])
+        Args:
+            point: (k,) points of the source.
+            group: (k,) group of each, -1 for none.
+            total: How many groups there are.
+            most: Points to take of each at most.
+        """
+        return surface(sample(self.source_m[point], group, total=total, most=most), self.source_tree)
 
 
 def likeliest(
-    pair: Pair, xyz_m: Floats, group: Ints, free_m: Floats, of_free: Ints, total: int
+    pair: Pair, point: Ints, group: Ints, free_m: Floats, of_free: Ints, total: int
 ) -> tuple[Surface, Poses, Floats]:
     """The likeliest pose of each group among other points, whether it has moved or not.
 
     Args:
         pair: The sweeps.
-        xyz_m: (n, 3) points of the first sweep.
-        group: (n,) group of each, -1 for none.
+        point: (k,) points of the first sweep.
+        group: (k,) group of each, -1 for none.
         free_m: (m, 3) points of the second that groups may have become.
         of_free: (m,) the group that each lies close to, -1 for none.
         total: How many groups there are.
@@ -95,25 +104,27 @@ def likeliest(
         The points that judged, the poses, and what these cost: their misfit, and more for farther ones.
     """
     tree = tree_of(free_m)
-    points = seen(xyz_m, group, total, SEARCH)
+    points = pair.seen(point, group, total, SEARCH)
     own_m = centres(free_m, of_free, total)
     poses = best_starts(points.groups, tree, starts(points.groups, free_m, own_m, pair.reach_m))
     poses = icp(points, tree, poses, SEARCH_RADII_M)
     cost = _cost(points, tree, poses)
-    way_m = _way_m(points.groups, poses)
-    order = np.lexsort((np.where(way_m > pair.reach_m, np.inf, cost), poses.group))
+    too_far = np.linalg.norm(_way_m(points.groups, poses), axis=1) > pair.reach_m
+    order = np.lexsort((np.where(too_far, np.inf, cost), poses.group))
     poses = poses[order[np.flatnonzero(np.diff(poses.group[order], prepend=-1))]]
-    points = seen(xyz_m, group, total, REFINE)
+    points = pair.seen(point, group, total, REFINE)
     poses = icp(points, tree, poses, REFINE_RADII_M)
     return points, poses, _cost(points, tree, poses)
 
 
 def _cost(points: Surface, tree: cKDTree, poses: Poses) -> Floats:
-    """(h,) misfit of hypotheses, and what their length costs; infinite where too few points tell the motion."""
-    cost = misfit(points, tree, poses) + FAR_MISFIT * _way_m(points.groups, poses)
-    return np.where(witnesses(points, poses) < WITNESSES, np.inf, cost)
+    """(h,) misfit of hypotheses, and what their length costs; infinite for those that cannot be."""
+    x, y, z = _way_m(points.groups, poses).T
+    cost = misfit(points, tree, poses) + FAR_MISFIT * np.sqrt(x * x + y * y + z * z)
+    rises = np.abs(z) > RISE_M + SLOPE * np.hypot(x, y)
+    return np.where(rises | (witnesses(points, poses) < WITNESSES), np.inf, cost)
 
 
 def _way_m(groups: Groups, poses: Poses) -> Floats:
-    """(h,) how far hypotheses move the centres of their groups."""
-    return np.asarray(np.linalg.norm(poses.place_m - groups.centre_m[poses.group], axis=1))
+    """(h, 3) how far hypotheses move the centres of their groups."""
+    return poses.place_m - groups.centre_m[poses.group]

@@ -41,16 +41,16 @@ class Surface(NamedTuple):
     flat: Bools
 
 
-def surface(groups: Groups, around_m: Floats) -> Surface:
+def surface(groups: Groups, tree: cKDTree) -> Surface:
     """Look at the neighbours of points in their own sweep.
 
     Args:
         groups: Points to tell about.
-        around_m: (m, 3) all points of the same things, those to tell about included.
+        tree: All points of that sweep, those to tell about included.
     """
-    distance, near = tree_of(around_m).query(groups.xyz_m, k=NEIGHBOURS + 1, distance_upper_bound=REACH_M)
+    distance, near = tree.query(groups.xyz_m, k=NEIGHBOURS + 1, distance_upper_bound=REACH_M)
     found = np.isfinite(distance)
-    patch = around_m[np.where(found, near, near[:, :1])]
+    patch = tree.data[np.where(found, near, near[:, :1])]
     # The k-th neighbour is sqrt(k / (pi density)) away; the nearest of another sample half of 1 / sqrt(density).
     width_m = np.where(found, distance, REACH_M)[:, -1]
     spacing_m = 0.5 * np.sqrt(np.pi / NEIGHBOURS) * width_m
