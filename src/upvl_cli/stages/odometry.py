@@ -20,6 +20,11 @@ class OdometryParams:
     voxel_m: float = param("edge of the voxels of the local map", "m", least=0.01, most=10)
     min_range_m: float = param("nearer points are left out: they are the car itself", "m", least=0, most=1000)
     max_range_m: float = param("farther points are left out", "m", least=1, most=1000)
+    smooth_frames: int = param(
+        "frames on each side whose path an estimated place is drawn to; 0 draws it to none",
+        least=0,
+        most=1000,
+    )
 
 
 @dataclass(frozen=True)
@@ -32,18 +37,23 @@ class OdometryRow(Row):
 
 def run(inputs: Inputs, params: OdometryParams) -> Iterator[OdometryRow]:
     """Pass the drive's poses through, or estimate them from the sweeps where it has none."""
+    import numpy as np
+
     drive = inputs.drive
     for reason, items in drive.skipped.items():
         inputs.count(reason, items)
     poses = drive.world_from_ego
     if poses is None:
-        from upvl_cli.algorithms.odometry import odometry
+        from upvl_cli.algorithms.odometry import odometry, smoothed
 
-        poses = odometry(
+        measured = odometry(
             (drive.points(frame.index).xyz_ego_m for frame in drive.frames),
             voxel_m=params.voxel_m,
             min_range_m=params.min_range_m,
             max_range_m=params.max_range_m,
+        )
+        poses = smoothed(
+            measured, at=np.array([frame.index for frame in drive.frames]), reach=params.smooth_frames
         )
         inputs.count("poses estimated", len(poses))
     else:
