@@ -1,0 +1,61 @@
+"""What light does on a surface: its colour and pattern in a picture, its return to a LiDAR."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+Rgb = tuple[int, int, int]
+
+
+class Surface(NamedTuple):
+    """A material.
+
+    Attributes:
+        rgb: Colour in a picture, 0 to 255.
+        reflectance: Intensity of a LiDAR return that meets it head on, 0 to 1.
+        dropout: Share of LiDAR rays that give no return.
+        depth_m: How far a ray may go in before it comes back, as in leaves.
+        texture: Pattern in a picture, one of `textures.TEXTURES`.
+        gloss: How much of the sky it mirrors, 0 to 1.
+    """
+
+    rgb: Rgb
+    reflectance: float
+    dropout: float = 0.02
+    depth_m: float = 0.0
+    texture: str = "plain"
+    gloss: float = 0.0
+
+
+def paint(rgb: Rgb) -> Surface:
+    """The lacquer of a vehicle; dark colours hardly answer a LiDAR."""
+    brightness = sum(rgb) / (3 * 255)
+    return Surface(rgb, 0.08 + 0.55 * brightness, 0.12 - 0.1 * brightness, gloss=0.25)
+
+
+def cloth(rgb: Rgb) -> Surface:
+    """What people wear."""
+    return Surface(rgb, 0.2 + 0.4 * sum(rgb) / (3 * 255), texture="cloth")
+
+
+GLASS = Surface((58, 70, 82), 0.15, 0.45, gloss=0.6)
+RUBBER = Surface((34, 34, 36), 0.06, 0.15)
+STEEL = Surface((128, 132, 136), 0.45, gloss=0.2)
+CHROME = Surface((190, 194, 198), 0.6, gloss=0.6)
+DARK = Surface((40, 42, 46), 0.1, 0.1)
+SKIN = Surface((206, 162, 134), 0.45)
+HEADLIGHT = Surface((244, 240, 220), 0.9, gloss=0.3)
+TAILLIGHT = Surface((176, 24, 28), 0.8)
+PLATE = Surface((236, 236, 230), 0.95, 0.0)
+ASPHALT = Surface((92, 92, 96), 0.12, 0.04, texture="asphalt")
+MARKING = Surface((222, 222, 216), 0.75, texture="worn")
+KERB = Surface((168, 166, 160), 0.3, texture="concrete")
+PAVEMENT = Surface((150, 146, 140), 0.25, texture="slabs")
+GRASS = Surface((98, 132, 66), 0.35, 0.03, 0.03, texture="grass")
+BRICK = Surface((152, 92, 74), 0.35, texture="bricks")
+PLASTER = Surface((208, 196, 168), 0.5, texture="plaster")
+CONCRETE = Surface((160, 160, 154), 0.3, texture="concrete")
+WOOD = Surface((138, 104, 70), 0.35, texture="planks")
+TILES = Surface((142, 74, 56), 0.3, texture="tiles")
+BARK = Surface((92, 72, 54), 0.25, texture="bark")
+LEAVES = Surface((58, 104, 44), 0.4, 0.08, 0.35, texture="leaves")
