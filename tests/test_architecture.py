@@ -149,7 +149,7 @@ def test_only_evaluation_knows_labels(path: Path) -> None:
 
 def test_the_rule_for_labels_names_every_module_that_knows_their_files() -> None:
     readers = {path.stem for path in MODULES if LABELS.fullmatch(module(path))}
-    assert {"label_sources", "kitti_labels", "synthetic_labels"} <= readers
+    assert {"label_sources", "kitti_labels", "street_labels"} <= readers
     texts = {path.stem: path.read_text() for path in MODULES}
     assert {name for name, text in texts.items() if "tracklet" in text or "object_label" in text} <= readers
 

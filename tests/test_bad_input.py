@@ -88,7 +88,7 @@ def test_a_missing_sweep_is_counted(drive: TinyDrive, workspace: Path) -> None:
         ("mask", "min_speed_mps", "[" * 500, "is not valid TOML"),
         ("propose", "max_background_share", "1.5", "must be >= 0 and <= 1"),
         ("propose", "min_points", '"few"', "min_points = 'few' must be a whole number"),
-        ("raw", "dataset", '"kiti"', "dataset = 'kiti' must be one of kitti, synthetic"),
+        ("raw", "dataset", '"kiti"', "dataset = 'kiti' must be one of kitti, street, synthetic"),
         ("raw", "segments", '["none"]', "unknown segment 'none'"),
         ("raw", "segments", '["../../etc"]', "unknown segment '../../etc'"),
         ("raw", "root", '"/nowhere"', "/nowhere"),

@@ -6,8 +6,8 @@ from dataclasses import fields
 from functools import cache
 from typing import TypeVar
 
-from upvl_cli.datasets.synthetic import PointTruth, StreetDrive, Synthetic
-from upvl_cli.datasets.synthetic_labels import SyntheticLabels
+from upvl_cli.datasets.street import PointTruth, StreetDrive, Streets
+from upvl_cli.datasets.street_labels import StreetLabels
 from upvl_cli.types import Labels, ParallelArrays, Points
 
 FRAMES = 6
@@ -18,7 +18,7 @@ T = TypeVar("T", bound=ParallelArrays)
 @cache
 def drive() -> StreetDrive:
     """A drive of `FRAMES` frames."""
-    return Synthetic(frames=FRAMES).open(SEGMENT)
+    return Streets(frames=FRAMES).open(SEGMENT)
 
 
 @cache
@@ -31,7 +31,7 @@ def sweep(frame: int) -> tuple[Points, PointTruth]:
 @cache
 def labels() -> Labels:
     """The exact boxes of all frames, read-only."""
-    return _locked(SyntheticLabels(frames=FRAMES).labels(SEGMENT))
+    return _locked(StreetLabels(frames=FRAMES).labels(SEGMENT))
 
 
 def _locked(things: T) -> T:

@@ -212,6 +212,33 @@ def draw(
             print(path)
 
 
+synth = typer.Typer(no_args_is_help=True, help="Look at the built-in drives, which are made up.")
+app.add_typer(synth, name="synth")
+
+
+@synth.command("preview")
+def synth_preview(
+    context: typer.Context,
+    segment: Annotated[str | None, typer.Argument(help="The drive; all of them when left out.")] = None,
+    frame: Annotated[int | None, typer.Option(help="The frame; the middle one when left out.")] = None,
+) -> None:
+    """Draw a contact sheet: the cameras, what each pixel is, and the sweep from above."""
+    from upvl_cli.preview import preview
+
+    workspace: Workspace = context.obj
+    for name in workspace.segments if segment is None else [segment]:
+        print(preview(workspace, name, frame))
+
+
+@synth.command("kinds")
+def synth_kinds() -> None:
+    """List the kinds of object, with the words that people use for each."""
+    from upvl_cli.datasets.city.kinds import KINDS
+
+    for kind in KINDS.values():
+        print(f"{kind.name}: {', '.join(kind.words)}")
+
+
 @app.command("eval")
 def evaluate(
     context: typer.Context,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from upvl_cli.datasets.city.settings import CityParams
 from upvl_cli.evaluation.params import EvalParams
 from upvl_cli.settings import load
 from upvl_cli.stage import Stage, columns_of, params_of
@@ -62,6 +63,7 @@ def page(stages: Sequence[Stage], folder: Path) -> str:
         "Made by `make docs` from the declarations in `src/upvl_cli/stages/`; a test compares the two.",
         "",
         *_section("raw", "Names the drives.", (), RawParams, folder),
+        *_section("synthetic", "Makes the built-in drives, where `raw` names them.", (), CityParams, folder),
     ]
     for stage in stages:
         lines += _section(stage.name, stage.summary, stage.reads, stage.params, folder)

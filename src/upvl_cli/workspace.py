@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from upvl_cli.contents import Contents, contents
-from upvl_cli.datasets import DATASETS
+from upvl_cli.datasets import DATASETS, SETTINGS
 from upvl_cli.errors import BadInput, BadSetting
 from upvl_cli.settings import load
 from upvl_cli.stage import Stage, param
@@ -31,7 +31,7 @@ class RawParams:
     """Which drives: the settings in `stages/raw.toml`."""
 
     dataset: str = param("how the drives are stored", choices=tuple(DATASETS))
-    root: str = param("folder of the drives, from where upvl is run; unused by synthetic")
+    root: str = param("folder of the drives, from where upvl is run; unused by synthetic and street")
     segments: tuple[str, ...] = param("the drives to work on; an empty list takes all of them")
 
 
@@ -60,7 +60,13 @@ class Workspace:
     @cached_property
     def dataset(self) -> Dataset:
         """The dataset that `raw.toml` names."""
-        return DATASETS[self.raw.dataset](Path(self.raw.root).expanduser())
+        return DATASETS[self.raw.dataset](Path(self.raw.root).expanduser(), self._dataset_settings)
+
+    @cached_property
+    def _dataset_settings(self) -> Any:
+        """The values of the dataset's own TOML file; None where it has none."""
+        declared = SETTINGS.get(self.raw.dataset)
+        return declared and load(declared, self.stages / f"{self.raw.dataset}.toml")
 
     @cached_property
     def segments(self) -> tuple[str, ...]:
@@ -131,7 +137,8 @@ class Workspace:
         return makers
 
     def _adapter(self) -> dict[str, Any]:
-        return {"dataset": self.raw.dataset, "version": self.dataset.version}
+        adapter = {"dataset": self.raw.dataset, "version": self.dataset.version}
+        return adapter | ({"values": asdict(self._dataset_settings)} if self._dataset_settings else {})
 
     def raw_stamp(self, segment: str) -> str:
         """The adapter and a digest of the content of the drive's files, as JSON."""

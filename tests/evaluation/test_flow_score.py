@@ -10,7 +10,7 @@ import pytest
 from scored_world import SETTINGS
 
 from command import make_workspace
-from upvl_cli.datasets.synthetic import Synthetic
+from upvl_cli.datasets.street import Streets
 from upvl_cli.evaluation.flow_score import FlowScore, flow_score
 from upvl_cli.runner import make_shard
 from upvl_cli.stages import BY_NAME
@@ -23,7 +23,7 @@ SEGMENT = "street-0"
 @pytest.fixture(scope="module")
 def true_mps() -> dict[int, np.ndarray]:
     """The true motion of the points of each frame."""
-    drive = Synthetic().open(SEGMENT)
+    drive = Streets().open(SEGMENT)
     return {frame.index: drive.truth(frame.index).velocity_mps for frame in drive.frames}
 
 

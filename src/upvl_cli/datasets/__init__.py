@@ -4,22 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from upvl_cli.datasets.city.settings import CityParams
 
 if TYPE_CHECKING:
     from upvl_cli.datasets.base import Dataset
 
 
-def _kitti(root: Path) -> Dataset:
+def _kitti(root: Path, settings: Any) -> Dataset:
     from upvl_cli.datasets.kitti import Kitti
 
     return Kitti(root)
 
 
-def _synthetic(root: Path) -> Dataset:
-    from upvl_cli.datasets.synthetic import Synthetic
+def _street(root: Path, settings: Any) -> Dataset:
+    from upvl_cli.datasets.street import Streets
 
-    return Synthetic()
+    return Streets()
 
 
-DATASETS: dict[str, Callable[[Path], Dataset]] = {"kitti": _kitti, "synthetic": _synthetic}
+def _city(root: Path, settings: Any) -> Dataset:
+    from upvl_cli.datasets.city.dataset import City
+
+    return City(settings)
+
+
+# Of the folder that raw.toml names, and of the settings of the dataset's own, where it has some.
+DATASETS: dict[str, Callable[[Path, Any], Dataset]] = {"kitti": _kitti, "street": _street, "synthetic": _city}
+SETTINGS: dict[str, type] = {"synthetic": CityParams}

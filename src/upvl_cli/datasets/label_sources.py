@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from upvl_cli.datasets.base import LabelSource
 
 if TYPE_CHECKING:
-    from upvl_cli.datasets.synthetic_truth import FlowTruth
+    from upvl_cli.datasets.flow_truth import FlowTruth
 
 
 class FlowSource(Protocol):
@@ -19,23 +19,40 @@ class FlowSource(Protocol):
         """The motion of each point of a sweep, in the order of its points."""
 
 
-def _kitti(root: Path) -> LabelSource:
+def _kitti(root: Path, dataset: Any) -> LabelSource:
     from upvl_cli.datasets.kitti_labels import KittiLabels
 
     return KittiLabels(root)
 
 
-def _synthetic(root: Path) -> LabelSource:
-    from upvl_cli.datasets.synthetic_labels import SyntheticLabels
+def _street(root: Path, dataset: Any) -> LabelSource:
+    from upvl_cli.datasets.street_labels import StreetLabels
 
-    return SyntheticLabels()
-
-
-def _synthetic_flow(root: Path) -> FlowSource:
-    from upvl_cli.datasets.synthetic_truth import SyntheticFlow
-
-    return SyntheticFlow()
+    return StreetLabels()
 
 
-LABELS: dict[str, Callable[[Path], LabelSource]] = {"kitti": _kitti, "synthetic": _synthetic}
-TRUE_FLOW: dict[str, Callable[[Path], FlowSource]] = {"synthetic": _synthetic_flow}
+def _street_flow(dataset: Any) -> FlowSource:
+    from upvl_cli.datasets.street_truth import StreetFlow
+
+    return StreetFlow()
+
+
+def _city(root: Path, dataset: Any) -> LabelSource:
+    from upvl_cli.datasets.city_labels import CityLabels
+
+    return CityLabels(dataset)
+
+
+def _city_flow(dataset: Any) -> FlowSource:
+    from upvl_cli.datasets.city_labels import CityFlow
+
+    return CityFlow(dataset)
+
+
+# Of the folder that raw.toml names and the opened dataset.
+LABELS: dict[str, Callable[[Path, Any], LabelSource]] = {
+    "kitti": _kitti,
+    "street": _street,
+    "synthetic": _city,
+}
+TRUE_FLOW: dict[str, Callable[[Any], FlowSource]] = {"street": _street_flow, "synthetic": _city_flow}

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
+from upvl_cli.datasets.flow_truth import FLOW_CLASSES
 from upvl_cli.datasets.label_sources import TRUE_FLOW, FlowSource
-from upvl_cli.datasets.synthetic_truth import FLOW_CLASSES
 from upvl_cli.evaluation.gather import checked_table
 from upvl_cli.evaluation.params import EvalParams
 from upvl_cli.geometry.se3 import apply, inverse
@@ -72,7 +71,7 @@ def flow_score(workspace: Workspace, settings: EvalParams) -> FlowScore | None:
     """
     if workspace.raw.dataset not in TRUE_FLOW:
         return None
-    source = TRUE_FLOW[workspace.raw.dataset](Path(workspace.raw.root))
+    source = TRUE_FLOW[workspace.raw.dataset](workspace.dataset)
     pairs = [pair for name in workspace.segments for pair in _pairs(workspace, source, name, settings)]
     flows = [flow for flow, _ in pairs]
     predicted_m, true_m, total_m = (

@@ -120,7 +120,7 @@ def labelled(workspace: Workspace) -> tuple[LabelSource, dict[str, Ints], dict[s
     Raises:
         BadInput: No drive has labels.
     """
-    source = LABELS[workspace.raw.dataset](Path(workspace.raw.root))
+    source = LABELS[workspace.raw.dataset](Path(workspace.raw.root), workspace.dataset)
     frames: dict[str, Ints] = {}
     left_out: dict[str, str] = {}
     for segment in workspace.segments:

@@ -81,7 +81,12 @@ def box(size_lwh_m: Triple, centre_m: Triple, surface: Surface, yaw_rad: float =
     """A block."""
     length, width, height = size_lwh_m
     return prism(
-        [(-length / 2, -height / 2), (length / 2, -height / 2), (length / 2, height / 2), (-length / 2, height / 2)],
+        [
+            (-length / 2, -height / 2),
+            (length / 2, -height / 2),
+            (length / 2, height / 2),
+            (-length / 2, height / 2),
+        ],
         width,
         surface,
     ).moved(centre_m, yaw_rad)
@@ -117,7 +122,13 @@ def prism(outline_xz_m: Sequence[Pair], width_m: float, surface: Surface, inset_
 
 
 def tube(
-    start_m: Triple, end_m: Triple, radius_m: float, surface: Surface, *, end_radius_m: float | None = None, sides: int = 10
+    start_m: Triple,
+    end_m: Triple,
+    radius_m: float,
+    surface: Surface,
+    *,
+    end_radius_m: float | None = None,
+    sides: int = 10,
 ) -> Mesh:
     """A round bar between two places, or a cone where its ends differ."""
     start, end = np.array(start_m), np.array(end_m)

@@ -47,7 +47,9 @@ def model(parts: Sequence[Part | Mesh]) -> Model:
     rigid = [part.mesh for part in whole if not part.swing_rad]
     swinging = [part for part in whole if part.swing_rad]
     reached = [
-        part.mesh.tilted(sign * part.swing_rad, part.pivot_m).corner_m for part in swinging for sign in (-1, 0, 1)
+        part.mesh.tilted(sign * part.swing_rad, part.pivot_m).corner_m
+        for part in swinging
+        for sign in (-1, 0, 1)
     ]
     corners = np.concatenate([*(mesh.corner_m for mesh in rigid), *reached])
     low, high = corners.min(axis=0), corners.max(axis=0)

@@ -12,11 +12,11 @@ import pytest
 
 import world
 from upvl_cli.datasets.base import Dataset, Drive, LabelSource
-from upvl_cli.datasets.synthetic import RATE_HZ, Synthetic
-from upvl_cli.datasets.synthetic_labels import SyntheticLabels
-from upvl_cli.datasets.synthetic_scene import BOX, Motion, Part, Pose, Scene, Thing, solids_at
-from upvl_cli.datasets.synthetic_sensors import RANGE_NOISE_M, sweep
-from upvl_cli.datasets.synthetic_street import CAR, GROUND, vehicle
+from upvl_cli.datasets.street import RATE_HZ, Streets
+from upvl_cli.datasets.street_labels import StreetLabels
+from upvl_cli.datasets.street_layout import CAR, GROUND, vehicle
+from upvl_cli.datasets.street_scene import BOX, Motion, Part, Pose, Scene, Thing, solids_at
+from upvl_cli.datasets.street_sensors import RANGE_NOISE_M, sweep
 from upvl_cli.errors import BadInput
 from upvl_cli.geometry.boxes import points_inside
 from upvl_cli.geometry.iou import iou_bev
@@ -24,11 +24,11 @@ from upvl_cli.geometry.se3 import apply, inverse
 
 DIGEST = """
 import hashlib
-from upvl_cli.datasets.synthetic import Synthetic
-from upvl_cli.datasets.synthetic_labels import SyntheticLabels
-drive = Synthetic(frames=2, seeds=(7,)).open("street-7")
+from upvl_cli.datasets.street import Streets
+from upvl_cli.datasets.street_labels import StreetLabels
+drive = Streets(frames=2, seeds=(7,)).open("street-7")
 points, truth = drive.points(1), drive.truth(1)
-labels = SyntheticLabels(frames=2, seeds=(7,)).labels("street-7")
+labels = StreetLabels(frames=2, seeds=(7,)).labels("street-7")
 arrays = points.xyz_ego_m, points.intensity, truth.velocity_mps, drive.image(1, "front").rgb, labels.seven
 print(hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest())
 """
@@ -51,31 +51,31 @@ def box_of(scene, thing, time_s):
 
 
 def test_it_keeps_the_protocols():
-    dataset: Dataset = Synthetic(frames=1)
+    dataset: Dataset = Streets(frames=1)
     drive: Drive = dataset.open("street-0")
-    labels: LabelSource = SyntheticLabels(frames=1)
+    labels: LabelSource = StreetLabels(frames=1)
     assert (drive.name, drive.files, dict(drive.skipped), drive.ground_z_m) == ("street-0", (), {}, 0.0)
     assert len(labels.labels(drive.name)) > 0
 
 
 def test_segments_are_sorted_and_named_after_their_seeds():
-    assert Synthetic(seeds=(3, 0, 12)).segments == ("street-0", "street-12", "street-3")
-    assert Synthetic(seeds=()).segments == ()
+    assert Streets(seeds=(3, 0, 12)).segments == ("street-0", "street-12", "street-3")
+    assert Streets(seeds=()).segments == ()
 
 
 @pytest.mark.parametrize(
     ("act", "message"),
     [
         (
-            lambda: Synthetic(seeds=(0, 4)).open("street-1"),
+            lambda: Streets(seeds=(0, 4)).open("street-1"),
             "no segment 'street-1'; it has street-0, street-4",
         ),
-        (lambda: SyntheticLabels().labels("../x"), "no segment '../x'; it has street-0"),
+        (lambda: StreetLabels().labels("../x"), "no segment '../x'; it has street-0"),
         (lambda: world.drive().points(6), "street-0 has no frame 6; it has the frames 0 to 5"),
         (lambda: world.drive().image(-1, "front"), "street-0 has no frame -1"),
         (lambda: world.drive().image(0, "rear"), "street-0 has no camera 'rear'; it has 'front'"),
-        (lambda: Synthetic(frames=0), "a synthetic drive of 0 frames: expected 1 or more"),
-        (lambda: Synthetic(seeds=(-1,)), "expected none below 0"),
+        (lambda: Streets(frames=0), "a made-up street of 0 frames: expected 1 or more"),
+        (lambda: Streets(seeds=(-1,)), "expected none below 0"),
     ],
 )
 def test_bad_input_is_one_clear_line(act, message):
@@ -180,7 +180,7 @@ def test_legs_of_a_walker_swing():
 
 @pytest.mark.parametrize("seed", range(6))
 def test_nobody_drives_through_another(seed):
-    drive = Synthetic(seeds=(seed,)).open(f"street-{seed}")
+    drive = Streets(seeds=(seed,)).open(f"street-{seed}")
     users = [thing for thing in drive.scene.things if thing.kind]
     for frame in range(0, 80, 4):
         boxes = [box_of(drive.scene, thing, frame / RATE_HZ) for thing in users]
@@ -191,7 +191,7 @@ def test_nobody_drives_through_another(seed):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_every_street_has_all_kinds_and_a_hidden_car(seed):
-    drive = Synthetic(frames=1, seeds=(seed,)).open(f"street-{seed}")
+    drive = Streets(frames=1, seeds=(seed,)).open(f"street-{seed}")
     _, truth = drive.points_with_truth(0)
     count = np.bincount(truth.object_index + 1, minlength=len(drive.scene.things) + 1)[1:]
     seen = {thing.kind for thing, n in zip(drive.scene.things, count, strict=True) if n >= 5}
@@ -228,7 +228,7 @@ def test_the_picture_shows_a_red_car_where_the_lidar_saw_it():
 
 
 def test_the_order_of_calls_changes_nothing():
-    first, second = Synthetic(frames=3).open("street-0"), Synthetic(frames=3).open("street-0")
+    first, second = Streets(frames=3).open("street-0"), Streets(frames=3).open("street-0")
     forward = [first.points(frame).xyz_ego_m.tobytes() for frame in (0, 1, 2)]
     second.image(2, "front")
     assert [second.points(frame).xyz_ego_m.tobytes() for frame in (2, 0, 1)] == [forward[2], *forward[:2]]
@@ -252,5 +252,5 @@ def test_the_same_seed_gives_the_same_bytes_in_every_process():
 
 
 def test_another_seed_gives_another_street():
-    one, other = (Synthetic(frames=1, seeds=(seed,)).open(f"street-{seed}").scene for seed in (0, 1))
+    one, other = (Streets(frames=1, seeds=(seed,)).open(f"street-{seed}").scene for seed in (0, 1))
     assert one.things != other.things

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 import world
-from upvl_cli.datasets import synthetic
-from upvl_cli.datasets.synthetic import RATE_HZ
-from upvl_cli.datasets.synthetic_labels import SyntheticLabels
+from upvl_cli.datasets import street
+from upvl_cli.datasets.street import RATE_HZ
+from upvl_cli.datasets.street_labels import StreetLabels
 from upvl_cli.geometry.boxes import transform
 
 
@@ -105,15 +105,15 @@ def test_difficulty_and_type_are_waymo_s():
 
 
 def test_every_place_is_covered():
-    covers = SyntheticLabels(frames=1).covers
+    covers = StreetLabels(frames=1).covers
     assert covers("street-0", np.zeros((3, 3))).tolist() == [True] * 3
     assert covers("street-0", np.zeros((0, 3))).shape == (0,)
 
 
 def test_the_drive_cannot_reach_its_labels():
-    folder = Path(synthetic.__file__).parent
-    for path in folder.glob("synthetic*.py"):
-        if path.stem != "synthetic_labels":
+    folder = Path(street.__file__).parent
+    for path in folder.glob("street*.py"):
+        if path.stem != "street_labels":
             modules = [
                 node.module
                 for node in ast.walk(ast.parse(path.read_text()))

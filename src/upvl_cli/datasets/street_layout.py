@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from upvl_cli.datasets.synthetic_scene import (
+from upvl_cli.datasets.street_scene import (
     BOX,
     CYLINDER,
     ELLIPSOID,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from upvl_cli.datasets.synthetic_scene import BOX, Ground, Motion, Part, Pose, Scene, Thing, solids_at
+from upvl_cli.datasets.street_scene import BOX, Ground, Motion, Part, Pose, Scene, Thing, solids_at
 
 FLAT = Ground(y_m=(-9.0, 9.0), z_m=(0.0, 0.0), materials=("asphalt",), grade=0.0)
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from upvl_cli.datasets.synthetic_cast import Hits, cast
-from upvl_cli.datasets.synthetic_scene import MATERIALS, Ground, Solids
+from upvl_cli.datasets.street_cast import Hits, cast
+from upvl_cli.datasets.street_scene import MATERIALS, Ground, Solids
 from upvl_cli.geometry.se3 import apply
 from upvl_cli.types import Array, Camera, ParallelArrays, array
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from upvl_cli.datasets.synthetic_cast import cast
-from upvl_cli.datasets.synthetic_scene import BOX, CYLINDER, ELLIPSOID, MATERIAL_NUMBER, Ground, Solids
+from upvl_cli.datasets.street_cast import cast
+from upvl_cli.datasets.street_scene import BOX, CYLINDER, ELLIPSOID, MATERIAL_NUMBER, Ground, Solids
 
 LOW = Ground(y_m=(-1e3, 1e3), z_m=(-50.0, -50.0), materials=("asphalt",), grade=0.0)
 STEP_M = 0.004

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from upvl_cli.datasets.synthetic import RATE_HZ, StreetDrive, Synthetic
+from upvl_cli.datasets.street import RATE_HZ, StreetDrive, Streets
 from upvl_cli.geometry.boxes import pairs_inside, transform
 from upvl_cli.geometry.se3 import inverse, yaw_of
 from upvl_cli.types import Array, Bools, Ints, Labels
@@ -14,12 +14,12 @@ TYPES = {"Car": 1, "Truck": 1, "Bus": 1, "Pedestrian": 2, "Cyclist": 4}
 HARD_POINTS = 5  # Waymo's rule: a box with so few points is of difficulty 2
 
 
-class SyntheticLabels:
-    """Labels of the segments that `Synthetic` makes from the same settings (a `LabelSource`)."""
+class StreetLabels:
+    """Labels of the segments that `Streets` makes from the same settings (a `LabelSource`)."""
 
     def __init__(self, *, frames: int = 20, seeds: tuple[int, ...] = (0,)) -> None:
         """Offer the labels of these streets."""
-        self._dataset = Synthetic(frames=frames, seeds=seeds)
+        self._dataset = Streets(frames=frames, seeds=seeds)
 
     def labels(self, segment: str) -> Labels:
         """Return the boxes of all road users that the LiDAR ever sees, in all frames.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from upvl_cli.datasets.synthetic_scene import BOX, CYLINDER, MATERIAL_NUMBER, Ground, Solids
+from upvl_cli.datasets.street_scene import BOX, CYLINDER, MATERIAL_NUMBER, Ground, Solids
 from upvl_cli.types import Array, Ints, ParallelArrays, array
 
 

@@ -9,9 +9,9 @@ from types import MappingProxyType
 
 import numpy as np
 
-from upvl_cli.datasets.synthetic_scene import Solids, solids_at
-from upvl_cli.datasets.synthetic_sensors import FRONT, picture, sweep
-from upvl_cli.datasets.synthetic_street import street
+from upvl_cli.datasets.street_layout import street
+from upvl_cli.datasets.street_scene import Solids, solids_at
+from upvl_cli.datasets.street_sensors import FRONT, picture, sweep
 from upvl_cli.errors import BadInput
 from upvl_cli.geometry.se3 import apply, inverse, wrap_angle
 from upvl_cli.types import Array, Camera, Frame, Image, ParallelArrays, Points, array
@@ -109,7 +109,7 @@ def _moved(xyz_m: Array, now: Solids, later: Solids) -> Array:
     return np.asarray(later.centre_m - now.centre_m + turned)
 
 
-class Synthetic:
+class Streets:
     """The made-up drives of some seeds (a `Dataset`)."""
 
     version = 1
@@ -121,9 +121,9 @@ class Synthetic:
             BadInput: There is no frame, or a seed is negative.
         """
         if frames < 1:
-            raise BadInput(f"a synthetic drive of {frames} frames: expected 1 or more")
+            raise BadInput(f"a made-up street of {frames} frames: expected 1 or more")
         if any(seed < 0 for seed in seeds):
-            raise BadInput(f"seeds {seeds} of the synthetic dataset: expected none below 0")
+            raise BadInput(f"seeds {seeds} of the made-up streets: expected none below 0")
         self._frames = frames
         self._seed_of = {f"street-{seed}": seed for seed in seeds}
 
@@ -140,5 +140,5 @@ class Synthetic:
         """
         if segment not in self._seed_of:
             known = ", ".join(self.segments)
-            raise BadInput(f"the synthetic dataset has no segment {segment!r}; it has {known}")
+            raise BadInput(f"the street dataset has no segment {segment!r}; it has {known}")
         return StreetDrive(name=segment, seed=self._seed_of[segment], frames=self._frames)

@@ -1,0 +1,125 @@
+"""The LiDARs: one that spins on the roof, and four of short range around the car."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from upvl_cli.datasets.city.cast import Caster, Hits, Rays
+from upvl_cli.types import Array, Floats, Ints, ParallelArrays, array
+
+TURN_S = 0.1
+ROOF_M = (1.4, 0.0, 2.1)  # the mount of the spinning one, in ego axes
+COLUMNS = 2500
+REACH_M = 80.0
+# 64 beams as on the Waymo car, closest around the horizon: Sun et al., CVPR 2020, section 3 (-17.6 to 2.4 degrees).
+ELEVATION_RAD = np.deg2rad(np.concatenate([np.linspace(-17.6, -7.2, 24), np.linspace(-6.9, 2.4, 40)]))
+SHORT_REACH_M = 20.0
+SHORT_MOUNTS_M = ((3.6, 0.0, 0.7), (1.8, 0.95, 0.9), (1.8, -0.95, 0.9), (-0.9, 0.0, 0.9))
+SHORT_YAW_RAD = (0.0, np.pi / 2, -np.pi / 2, np.pi)
+RANGE_NOISE_M = 0.015
+INTENSITY_NOISE = 0.02
+FAR_DROPOUT = 0.2  # share lost at the end of the reach
+GRAZING_DROPOUT = 0.5  # share lost where the surface lies along the ray
+SPREAD_RAD = 0.002  # of the beam: on a slanted surface it returns over a stretch of ranges
+
+
+@dataclass(frozen=True)
+class Returns(ParallelArrays):
+    """What the LiDARs measure.
+
+    Attributes:
+        xyz_world_m: (n, 3) places in world axes, with noise, each at its own time.
+        intensity: (n,) 0 to 1.
+        elongation: (n,) metres over which the return is spread.
+        sensor: (n,) 0 for the one on the roof.
+        time_s: (n,) when each was measured.
+        ray: (n,) number of its ray.
+    """
+
+    xyz_world_m: Array = array("float64", 3)
+    intensity: Array = array("float64")
+    elongation: Array = array("float64")
+    sensor: Array = array("int64")
+    time_s: Array = array("float64")
+    ray: Array = array("int64")
+
+
+@cache
+def directions() -> tuple[Floats, Floats, Floats, Ints]:
+    """All rays of a sweep in ego axes: starts (n, 3), ways (n, 3), seconds after the frame (n,), sensors (n,).
+
+    The roof's mirror turns clockwise and looks ahead at the time of the frame, as on KITTI's car.
+    """
+    azimuth = np.pi - (np.arange(COLUMNS) + 0.5) * (2 * np.pi / COLUMNS)
+    roof = _fan(azimuth, ELEVATION_RAD)
+    time_s = np.repeat(-azimuth / (2 * np.pi) * TURN_S, len(ELEVATION_RAD))
+    starts, ways, times, sensors = (
+        [np.tile(ROOF_M, (len(roof), 1))],
+        [roof],
+        [time_s],
+        [np.zeros(len(roof), np.int64)],
+    )
+    for number, (mount, yaw) in enumerate(zip(SHORT_MOUNTS_M, SHORT_YAW_RAD, strict=True), start=1):
+        fan = _fan(yaw + np.deg2rad(np.linspace(-75, 75, 151)), np.deg2rad(np.linspace(-45, 15, 21)))
+        starts.append(np.tile(mount, (len(fan), 1)))
+        ways.append(fan)
+        times.append(np.zeros(len(fan)))
+        sensors.append(np.full(len(fan), number))
+    return np.concatenate(starts), np.concatenate(ways), np.concatenate(times), np.concatenate(sensors)
+
+
+def _fan(azimuth_rad: Array, elevation_rad: Array) -> Floats:
+    """(columns x rows, 3) unit directions, column by column."""
+    azimuth, elevation = np.meshgrid(azimuth_rad, elevation_rad, indexing="ij")
+    level = np.cos(elevation)
+    return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=-1).reshape(
+        -1, 3
+    )
+
+
+def sweep(
+    caster: Caster, time_s: float, noisy: float, rng: np.random.Generator
+) -> tuple[Returns, Hits, Ints]:
+    """One turn of the LiDARs around a time.
+
+    Args:
+        caster: The city.
+        time_s: When the mirror looks ahead.
+        noisy: Factor on the usual noise of ranges.
+        rng: Source of all noise.
+
+    Returns:
+        The returns, what each met, and (t,) on how many rays each thing would be if it were alone.
+    """
+    start, way, after_s, sensor = directions()
+    times = time_s + after_s
+    ego = caster.scene.ego.at(times)
+    rays = Rays(ego.world(start), ego.outward(way), times)
+    hits, alone = caster.cast(rays, reach_m=REACH_M)
+    surfaces = caster.scene.surfaces
+    reflectance, dropout, depth_m = (
+        np.array([getattr(surface, name) for surface in surfaces])[hits.surface]
+        for name in ("reflectance", "dropout", "depth_m")
+    )
+    lost, inward = rng.random((2, len(times)))
+    noise, flicker = rng.normal(size=(2, len(times)))
+    facing = np.abs(np.einsum("ni,ni->n", hits.normal, rays.way))
+    reach = np.where(sensor == 0, REACH_M, SHORT_REACH_M)
+    seen = hits.range_m < reach
+    far = np.where(seen, hits.range_m, reach) / reach
+    dropped = dropout + FAR_DROPOUT * far**2 + GRAZING_DROPOUT * np.maximum(1 - facing / 0.1, 0)
+    kept = np.flatnonzero(seen & (lost >= dropped))
+    range_m = hits.range_m + depth_m * inward + noisy * RANGE_NOISE_M * noise
+    slanted_m = SPREAD_RAD * hits.range_m * np.sqrt(np.maximum(1 / np.maximum(facing, 0.05) ** 2 - 1, 0))
+    returns = Returns(
+        xyz_world_m=rays.start_m[kept] + rays.way[kept] * range_m[kept, None],
+        intensity=np.clip(reflectance * np.sqrt(facing) + INTENSITY_NOISE * flicker, 0, 1)[kept],
+        elongation=(depth_m * (1 - inward) + np.minimum(slanted_m, 1))[kept],
+        sensor=sensor[kept],
+        time_s=times[kept],
+        ray=kept,
+    )
+    return returns, hits[kept], alone
