@@ -71,7 +71,12 @@ def _apart(things: Sequence[Thing], ego: Motion, seconds: float) -> tuple[Thing,
 
 def _boxes(motion: Motion, size_lwh_m: Triple, time_s: Floats) -> Floats:
     """(k, 7) boxes at those times."""
-    placed = motion.at(time_s)
+    placed, total = motion.at(time_s), len(time_s)
     heading = np.arctan2(placed.rotation[:, 1, 0], placed.rotation[:, 0, 0])
-    size = np.tile(size_lwh_m, (len(heading), 1))
-    return np.broadcast_to(np.column_stack([placed.place_m, size, heading]), (len(time_s), 7))
+    return np.column_stack(
+        [
+            np.broadcast_to(placed.place_m, (total, 3)),
+            np.broadcast_to(size_lwh_m, (total, 3)),
+            np.broadcast_to(heading, total),
+        ]
+    )

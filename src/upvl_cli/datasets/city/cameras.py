@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 
 from upvl_cli.datasets.city.cast import NOTHING, Caster, Hits, Rays
 from upvl_cli.datasets.city.lidar import TURN_S
-from upvl_cli.datasets.city.textures import brightness
+from upvl_cli.datasets.city.surface import Surface
+from upvl_cli.datasets.city.textures import TEXTURES, brightness
 from upvl_cli.datasets.city.weather import Weather
 from upvl_cli.geometry.camera import rays as camera_rays
 from upvl_cli.types import Array, Camera, Floats, Ints
@@ -19,6 +20,8 @@ DISTORTION = (-0.06, 0.012, 0.0004, -0.0003, 0.0)
 REACH_M = 250.0
 SHADOW_M = 60.0
 TILE_PX = 32
+OFF_M = np.float32(2e-3)  # a shadow is looked for this far off its surface
+MIRROR = np.float32(0.6)  # share of the sky that the best mirror shows
 # As on the Waymo car: nothing looks back.
 YAW_DEG = {"front": 0, "front-left": 45, "front-right": -45, "side-left": 90, "side-right": -90}
 MOUNT_M = (1.5, 0.0, 1.95)
@@ -65,8 +68,13 @@ def pixel_rays(caster: Caster, seen_by: Camera, time_s: float, rolling_s: float)
     row = np.arange(len(way)) // seen_by.width_px
     times = time_s + rolling_s * (row / (seen_by.height_px - 1) - 0.5)
     ego = caster.scene.ego.at(times)
-    mount = np.tile(seen_by.ego_from_camera[:3, 3], (len(way), 1))
-    return Rays(ego.world(mount), ego.outward(way), times)
+    start = (
+        ego.world(seen_by.ego_from_camera[None, :3, 3])
+        if len(ego.place_m) == 1
+        else ego.world(np.tile(seen_by.ego_from_camera[:3, 3], (len(way), 1)))
+    )
+    starts = np.broadcast_to(start.astype(np.float32), way.shape)
+    return Rays(starts, ego.outward(way).astype(np.float32), times)
 
 
 @cache
@@ -101,53 +109,76 @@ def picture(
         rng: Source of the noise.
     """
     rays = pixel_rays(caster, seen_by, time_s, rolling_s)
-    tiles = _tiles(seen_by.width_px, seen_by.height_px)
+    tiles, by_row = _tiles(seen_by.width_px, seen_by.height_px)
     rays = rays.chosen(tiles)
     in_tiles, _ = caster.cast(rays, reach_m=REACH_M)
-    by_row = np.argsort(tiles)
     colour, hits = _colours(caster, rays, in_tiles, weather)[by_row], in_tiles[by_row]
-    colour *= weather.exposure * np.array([weather.warmth, 1, 1 / weather.warmth])
-    colour += noise * weather.noise * 255 * rng.normal(size=colour.shape)
+    colour *= np.float32(weather.exposure) * np.array([weather.warmth, 1, 1 / weather.warmth], np.float32)
+    colour += np.float32(noise * weather.noise * 255) * rng.standard_normal(colour.shape, dtype=np.float32)
     shape = (seen_by.height_px, seen_by.width_px, 3)
     return np.rint(np.clip(colour, 0, 255)).astype(np.uint8).reshape(shape), hits
 
 
-def _tiles(width_px: int, height_px: int) -> Ints:
-    """The numbers of all pixels, tile by tile: rays that follow each other are to lie close together."""
+@cache
+def _tiles(width_px: int, height_px: int) -> tuple[Ints, Ints]:
+    """The numbers of all pixels tile by tile, and where each pixel is among them.
+
+    Rays that follow each other are to lie close together.
+    """
     v, u = np.divmod(np.arange(width_px * height_px), width_px)
-    return np.lexsort((u, v, u // TILE_PX, v // TILE_PX))
+    tiles = np.lexsort((u, v, u // TILE_PX, v // TILE_PX))
+    return tiles, np.argsort(tiles)
 
 
-def _colours(caster: Caster, rays: Rays, hits: Hits, weather: Weather) -> Floats:
-    """(n, 3) what the rays bring, 0 to 255."""
-    colour = _sky(rays.way, weather)
-    met = np.flatnonzero(hits.surface != NOTHING)
-    here, seen = hits[met], rays.chosen(met)
-    surfaces = caster.scene.surfaces
-    own = np.array([surface.rgb for surface in surfaces], dtype=np.float64)[here.surface]
-    textures = np.array([surface.texture for surface in surfaces])[here.surface]
-    for texture in np.unique(textures):
-        mine = np.flatnonzero(textures == texture)
-        if texture != "plain":
-            own[mine] *= brightness(texture, here.local_m[mine], here.normal[mine])[:, None]
-    facing = np.maximum(here.normal @ weather.sun, 0)
-    lit = np.flatnonzero(facing > 0)
-    at = seen.start_m + here.range_m[:, None] * seen.way
-    to_sun = Rays(at[lit] + 2e-3 * here.normal[lit], np.tile(weather.sun, (len(lit), 1)), seen.time_s[lit])
-    facing[lit[caster.shaded(to_sun, reach_m=SHADOW_M)]] = 0
+def _colours(caster: Caster, rays: Rays, hits: Hits, weather: Weather) -> Array:
+    """(n, 3) float32, what the rays bring, 0 to 255."""
+    rgb, texture, gloss = _palette(caster.scene.surfaces)
+    shown = rgb[hits.surface]
+    of = texture[hits.surface]
+    for number, name in enumerate(TEXTURES):
+        mine = np.flatnonzero(of == number) if name != "plain" else []
+        if len(mine):
+            shown[mine] *= brightness(name, hits.local_m[mine], hits.normal[mine])[:, None].astype(np.float32)
+    shown *= _light(caster, rays, hits, weather)[:, None]
+    mirrors = np.flatnonzero(gloss[hits.surface] > 0)
+    way, normal = rays.way[mirrors], hits.normal[mirrors]
+    back = way - 2 * np.einsum("ni,ni->n", way, normal)[:, None] * normal
+    share = MIRROR * gloss[hits.surface[mirrors], None] * (back[:, 2:] > 0)
+    shown[mirrors] += share * (_sky(back, weather) - shown[mirrors])
+    clear = np.exp(-hits.range_m / np.float32(weather.visibility_m))[:, None]
+    hazy = weather.sky_rgb[0].astype(np.float32)
+    return np.where(hits.surface[:, None] == NOTHING, _sky(rays.way, weather), hazy + clear * (shown - hazy))
+
+
+def _light(caster: Caster, rays: Rays, hits: Hits, weather: Weather) -> Array:
+    """(n,) float32, how much light each place gets from the sun and the sky."""
+    sun = weather.sun.astype(np.float32)
+    facing = np.maximum(hits.normal @ sun, 0)
+    lit = np.flatnonzero((facing > 0) & (hits.surface != NOTHING)) if weather.sun_share > 0 else []
+    if len(lit):
+        at = rays.start_m[lit] + hits.range_m[lit, None] * rays.way[lit] + OFF_M * hits.normal[lit]
+        to_sun = Rays(at, np.broadcast_to(sun, at.shape), rays.time_s[lit])
+        facing[lit[caster.shaded(to_sun, reach_m=SHADOW_M)]] = 0
     # The sky lights what looks up more than what looks down.
-    light = (1 - weather.sun_share) * (0.7 + 0.3 * here.normal[:, 2]) + 1.35 * weather.sun_share * facing
-    shown = own * light[:, None]
-    gloss = np.array([surface.gloss for surface in surfaces])[here.surface]
-    mirror = seen.way - 2 * np.einsum("ni,ni->n", seen.way, here.normal)[:, None] * here.normal
-    shown += gloss[:, None] * np.where(mirror[:, 2:] > 0, _sky(mirror, weather) - shown, 0) * 0.6
-    clear = np.exp(-here.range_m / weather.visibility_m)[:, None]
-    colour[met] = clear * shown + (1 - clear) * weather.sky_rgb[0]
-    return colour
+    from_sky = np.float32(1 - weather.sun_share) * (np.float32(0.7) + np.float32(0.3) * hits.normal[:, 2])
+    return np.asarray(from_sky + np.float32(1.35 * weather.sun_share) * facing)
 
 
-def _sky(way: Array, weather: Weather) -> Floats:
+@lru_cache(maxsize=4)
+def _palette(surfaces: tuple[Surface, ...]) -> tuple[Array, Ints, Array]:
+    """Colour, place of the texture in `TEXTURES` and gloss of each surface; the last one is nothing."""
+    names = list(TEXTURES)
+    rgb = np.array([*(surface.rgb for surface in surfaces), (0, 0, 0)], dtype=np.float32)
+    texture = np.array([*(names.index(surface.texture) for surface in surfaces), names.index("plain")])
+    gloss = np.array([*(surface.gloss for surface in surfaces), 0], dtype=np.float32)
+    return rgb, texture, gloss
+
+
+def _sky(way: Array, weather: Weather) -> Array:
+    horizon, top = weather.sky_rgb.astype(np.float32)
     up = np.sqrt(np.clip(way[:, 2:], 0, 1))
-    glow = np.maximum(way @ weather.sun, 0)[:, None] ** 64 * weather.sun_share
-    sky = weather.sky_rgb[0] + up * (weather.sky_rgb[1] - weather.sky_rgb[0])
-    return np.asarray(sky + glow * (255 - sky))
+    glow = np.maximum(way @ weather.sun.astype(np.float32), 0)[:, None]
+    for _ in range(6):
+        glow = glow * glow
+    sky = horizon + up * (top - horizon)
+    return np.asarray(sky + np.float32(weather.sun_share) * glow * (255 - sky))

@@ -27,11 +27,11 @@ _CLEAR_M = 1e-3  # a shadow ray starts this far off its surface
 
 
 class Rays(NamedTuple):
-    """Rays in world axes.
+    """Rays in world axes, in Embree's precision; those that follow each other are best close together.
 
     Attributes:
-        start_m: (n, 3) where each starts.
-        way: (n, 3) directions, of length 1.
+        start_m: (n, 3) float32, where each starts.
+        way: (n, 3) float32 directions, of length 1.
         time_s: (n,) when.
     """
 
@@ -58,13 +58,13 @@ class Hits(ParallelArrays):
         part: (n,) which part of the thing.
     """
 
-    range_m: Array = array("float64")
-    normal: Array = array("float64", 3)
-    local_m: Array = array("float64", 3)
-    surface: Array = array("int64")
-    name: Array = array("int64")
-    thing: Array = array("int64")
-    part: Array = array("int64")
+    range_m: Array = array("float32")
+    normal: Array = array("float32", 3)
+    local_m: Array = array("float32", 3)
+    surface: Array = array("int32")
+    name: Array = array("int32")
+    thing: Array = array("int32")
+    part: Array = array("int32")
 
 
 class _Triangles(NamedTuple):
@@ -112,13 +112,11 @@ class Caster:
             The hits, and (t,) counts.
         """
         total = len(rays.way)
-        best_m = np.full(total, np.inf)
-        normal, local = np.zeros((total, 3)), np.zeros((total, 3))
-        surface, name, thing, part = (np.full(total, NOTHING) for _ in range(4))
+        surface, name, thing, part = (np.full(total, NOTHING, dtype=np.int32) for _ in range(4))
         alone = np.zeros(len(self.scene.things), dtype=np.int64)
         met, found = _ask(self._stuff, rays.start_m, rays.way, reach_m)
-        best_m[met], normal[met] = found["tfar"][met], found["Ng"][met]
-        local[met] = rays.start_m[met] + best_m[met, None] * rays.way[met]
+        best_m, normal = np.where(met, found["tfar"], np.float32(np.inf)), found["Ng"]
+        local = rays.start_m + np.where(met, best_m, np.float32(0))[:, None] * rays.way
         surface[met] = self._stuff.surface[found["primID"][met]]
         name[met] = self._stuff.name[found["primID"][met]]
         for number, near in self._near(rays, reach_m):
@@ -134,19 +132,19 @@ class Caster:
                 at = near[met]
                 best_m[at] = found["tfar"][met]
                 local[at] = start_here[met] + best_m[at, None] * way_here[met]
-                outward = _turned(found["Ng"][met].astype(np.float64), turn if len(turn) == 1 else turn[met])
+                outward = _turned(found["Ng"][met], turn if len(turn) == 1 else turn[met])
                 normal[at] = placed.chosen(met).outward(outward)
                 surface[at] = self._parts[number][place].surface[found["primID"][met]]
                 name[at], thing[at], part[at] = self.scene.name_of_thing[number], number, place
             alone[number] = any_part.sum()
-        length = np.linalg.norm(normal, axis=1)
-        normal /= np.where(length > 0, length, 1)[:, None]
-        normal *= -np.sign(np.einsum("ni,ni->n", normal, rays.way))[:, None]
+        length = np.sqrt(np.einsum("ni,ni->n", normal, normal))
+        towards = -np.sign(np.einsum("ni,ni->n", normal, rays.way))
+        normal *= (towards / np.where(length > 0, length, 1))[:, None]
         return Hits(best_m, normal, local, surface, name, thing, part), alone
 
     def shaded(self, rays: Rays, *, reach_m: float) -> Bools:
         """(n,) whether anything lies on each ray: what a light at its end does not reach."""
-        start_m = rays.start_m + _CLEAR_M * rays.way
+        start_m = rays.start_m + np.float32(_CLEAR_M) * rays.way
         dark = _asked(self._stuff.scene, start_m, rays.way, reach_m, "OCCLUDED") >= 0
         for number, around in self._near(rays, reach_m):
             near = around[~dark[around]]
@@ -166,39 +164,39 @@ class Caster:
         total = len(rays.way)
         if not total:
             return
-        start, way = rays.start_m.astype(np.float32), rays.way.astype(np.float32)
         first, block_of = np.arange(0, total, _BLOCK), np.arange(total) // _BLOCK
-        axis = np.add.reduceat(rays.way, first)
+        axis = np.add.reduceat(rays.way, first).astype(np.float64)
         axis /= np.maximum(np.linalg.norm(axis, axis=1), 1e-9)[:, None]
-        slant = np.einsum("ni,ni->n", rays.way, axis[block_of])
-        spread = np.arccos(np.clip(np.minimum.reduceat(slant, first), -1, 1))
+        slant = np.einsum("ni,ni->n", rays.way, axis.astype(np.float32)[block_of])
+        spread = np.arccos(np.clip(np.minimum.reduceat(slant, first), -1, 1)) + 1e-3
         low, high = np.minimum.reduceat(rays.start_m, first), np.maximum.reduceat(rays.start_m, first)
         middle, wide = (low + high) / 2, np.linalg.norm(high - low, axis=1) / 2
-        for number, (centre, radius) in enumerate(self._balls(rays.time_s.min(), rays.time_s.max())):
-            # Whole blocks first: the cone of a block's ways, from the middle of its starts, against the ball.
-            away = centre - middle
-            distance = np.maximum(np.sqrt(np.einsum("bi,bi->b", away, away)), 1e-9)
-            angle = np.arccos(np.clip(np.einsum("bi,bi->b", away, axis) / distance, -1, 1))
-            seen = spread + np.arcsin(np.clip((radius + wide) / distance, 0, 1))
-            met = (distance < reach_m + radius + wide) & ((angle < seen) | (distance < radius + wide))
-            if not met.any():
-                continue
-            here = np.flatnonzero(met[block_of])
-            x, y, z = (centre.astype(np.float32) - start[here]).T
-            i, j, k = way[here].T
+        centre, radius = self._balls(float(rays.time_s.min()), float(rays.time_s.max()))
+        # Whole blocks first: the cone of a block's ways, from the middle of its starts, against each ball.
+        away = centre[:, None] - middle
+        distance = np.maximum(np.linalg.norm(away, axis=2), 1e-9)
+        angle = np.arccos(np.clip(np.einsum("tbi,bi->tb", away, axis) / distance, -1, 1))
+        size = radius[:, None] + wide
+        seen = spread + np.arcsin(np.clip(size / distance, 0, 1))
+        met = (distance < reach_m + size) & ((angle < seen) | (distance < size))
+        for number in np.flatnonzero(met.any(axis=1)):
+            here = np.flatnonzero(met[number][block_of])
+            x, y, z = (centre[number].astype(np.float32) - rays.start_m[here]).T
+            i, j, k = rays.way[here].T
             along = x * i + y * j + z * k
-            near = here[(x * x + y * y + z * z - along * along < radius * radius) & (along > -radius)]
+            near = here[
+                (x * x + y * y + z * z - along * along < radius[number] ** 2) & (along > -radius[number])
+            ]
             if len(near):
-                yield number, near
+                yield int(number), near
 
-    def _balls(self, from_s: float, until_s: float) -> Iterator[tuple[Floats, float]]:
-        """Centre and radius of a ball around each thing, wherever it is in that time."""
-        for thing in self.scene.things:
-            ends = thing.motion.at(np.array([from_s, until_s]))
-            length, width, height = thing.model.size_lwh_m
-            moved = float(np.linalg.norm(ends.place_m[-1] - ends.place_m[0]))
-            centre = ends.place_m.mean(axis=0) + ends.rotation[0, :, 2] * height / 2
-            yield centre, float(np.hypot(np.hypot(length, width), height)) / 2 + moved / 2 + 0.1
+    def _balls(self, from_s: float, until_s: float) -> tuple[Floats, Floats]:
+        """(t, 3) centres and (t,) radii of balls around the things, wherever they are in that time."""
+        motions = [thing.motion for thing in self.scene.things]
+        first, last = (np.array([m.place_at(t) for m in motions]).reshape(-1, 3) for t in (from_s, until_s))
+        size = np.array([thing.model.size_lwh_m for thing in self.scene.things]).reshape(-1, 3)
+        centre = (first + last) / 2 + size * [0, 0, 0.5]
+        return centre, np.linalg.norm(size, axis=1) / 2 + np.linalg.norm(last - first, axis=1) / 2 + 0.3
 
 
 def swings(part: Part, odometer_m: Array) -> Floats:
@@ -216,11 +214,11 @@ def world_places(scene: Scene, hits: Hits, placed_s: Array) -> Floats:
         hits: What was met.
         placed_s: (n,) the times.
     """
-    out = np.array(hits.local_m)
+    out = np.array(hits.local_m, dtype=np.float64)
     for number in np.unique(hits.thing[hits.thing >= 0]):
         of = np.flatnonzero(hits.thing == number)
         placed: Placed = scene.things[number].motion.at(placed_s[of])
-        local = hits.local_m[of]
+        local = out[of]
         for place in np.unique(hits.part[of]):
             part, mine = scene.things[number].model.parts[place], hits.part[of] == place
             turn = swings(part, placed.chosen(mine).odometer_m)
@@ -240,8 +238,9 @@ def _turned(xyz: Array, pitch_rad: Array, pivot_m: Triple = (0.0, 0.0, 0.0)) -> 
     if not np.any(pitch_rad):
         return np.asarray(xyz)
     cos, sin = np.cos(pitch_rad), np.sin(pitch_rad)
-    x, y, z = (np.asarray(xyz) - pivot_m).T
-    return np.stack([cos * x + sin * z, y, cos * z - sin * x], axis=1) + pivot_m
+    pivot = np.asarray(pivot_m, dtype=xyz.dtype)
+    x, y, z = (np.asarray(xyz) - pivot).T
+    return np.asarray(np.stack([cos * x + sin * z, y, cos * z - sin * x], axis=1) + pivot, dtype=xyz.dtype)
 
 
 def _ask(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -76,6 +77,8 @@ class CityDrive:
         self._seed = tuple(seed)
         self._without = tuple(without)
         self._settings = settings
+        self._building = threading.Lock()
+        self._built: Caster | None = None
 
     @cached_property
     def scene(self) -> Scene:
@@ -96,9 +99,12 @@ class CityDrive:
             haze=self._settings.haze,
         )
 
-    @cached_property
+    @property
     def _caster(self) -> Caster:
-        return Caster(self.scene)
+        with self._building:  # sweeps and pictures are asked for by several threads
+            if self._built is None:
+                self._built = Caster(self.scene)
+            return self._built
 
     @cached_property
     def world_from_ego(self) -> Array:
@@ -114,10 +120,10 @@ class CityDrive:
 
     def points_with_truth(self, frame: int) -> tuple[Points, PointTruth]:
         """Return a sweep and what is true of its points; the truth is for evaluation only."""
-        time_s = self._time_s(frame)
+        time_s, caster = self._time_s(frame), self._caster
         pose = self.world_from_ego[frame]
         rng = np.random.default_rng([*self._seed, _SWEEP, frame])
-        returns, hits, _ = sweep(self._caster, time_s, self._settings.noise, rng)
+        returns, hits, _ = sweep(caster, time_s, self._settings.noise, rng)
         points = Points(
             xyz_ego_m=apply(inverse(pose), returns.xyz_world_m),
             intensity=returns.intensity,

@@ -51,7 +51,7 @@ class Look(NamedTuple):
 
 def look(rng: np.random.Generator, *, child: bool = False) -> Look:
     """Somebody by chance."""
-    height = rng.uniform(1.0, 1.38) if child else rng.uniform(1.56, 1.94)
+    height = rng.uniform(1.0, 1.34) if child else rng.uniform(1.56, 1.94)
     return Look(
         height_m=float(height),
         girth=float(rng.uniform(0.9, 1.2)),

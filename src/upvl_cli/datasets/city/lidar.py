@@ -97,7 +97,7 @@ def sweep(
     start, way, after_s, sensor = directions()
     times = time_s + after_s
     ego = caster.scene.ego.at(times)
-    rays = Rays(ego.world(start), ego.outward(way), times)
+    rays = Rays(ego.world(start).astype(np.float32), ego.outward(way).astype(np.float32), times)
     hits, alone = caster.cast(rays, reach_m=REACH_M)
     surfaces = caster.scene.surfaces
     reflectance, dropout, depth_m = (

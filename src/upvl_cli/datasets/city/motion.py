@@ -11,10 +11,11 @@ import numpy as np
 from upvl_cli.types import Array, Floats
 
 SAMPLE_HZ = 20
+STRAIGHT_RAD = 3e-4  # who turns less than this meanwhile does not turn: 2 mm at the end of a bus
 
 
 class Placed(NamedTuple):
-    """Where something is at n times; all have length 1 where it is in one place all the time.
+    """Where something is at n times; what is the same at all of them has length 1.
 
     Attributes:
         rotation: (n, 3, 3) from its axes to the world's.
@@ -28,29 +29,27 @@ class Placed(NamedTuple):
 
     def world(self, local_m: Array) -> Floats:
         """(n, 3) world places of one local place at each time."""
-        return self.outward(local_m) + self.place_m
+        return self.outward(local_m) + self.place_m.astype(local_m.dtype)
 
     def local(self, world_m: Array) -> Floats:
         """(n, 3) the inverse of `world`."""
-        return self.inward(world_m - self.place_m)
+        return self.inward(world_m - self.place_m.astype(world_m.dtype))
 
     def outward(self, way: Array) -> Floats:
         """(n, 3) local directions in world axes."""
         if len(self.rotation) == 1:
-            return np.asarray(way @ self.rotation[0].T)
+            return np.asarray(way @ self.rotation[0].T.astype(way.dtype))
         return np.asarray(np.einsum("nij,nj->ni", self.rotation, way))
 
     def inward(self, way: Array) -> Floats:
         """(n, 3) world directions in local axes."""
         if len(self.rotation) == 1:
-            return np.asarray(way @ self.rotation[0])
+            return np.asarray(way @ self.rotation[0].astype(way.dtype))
         return np.asarray(np.einsum("nji,nj->ni", self.rotation, way))
 
     def chosen(self, index: Array) -> Placed:
         """At some of the times only."""
-        if len(self.rotation) == 1:
-            return self
-        return Placed(self.rotation[index], self.place_m[index], self.odometer_m[index])
+        return Placed(*(values if len(values) == 1 else values[index] for values in self))
 
 
 @dataclass(frozen=True)
@@ -78,6 +77,13 @@ class Motion:
     def _odometer_m(self) -> Floats:
         return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(self.place_m, axis=0), axis=1)))
 
+    def place_at(self, time_s: float) -> Floats:
+        """(3,) the place alone, at one time."""
+        step = (time_s - self.first_s) * SAMPLE_HZ
+        low = min(max(int(step), 0), max(len(self.place_m) - 2, 0))
+        share = min(max(step - low, 0.0), 1.0) if self.moves else 0.0
+        return np.asarray(self.place_m[low] + share * (self.place_m[low + self.moves] - self.place_m[low]))
+
     def at(self, time_s: Array) -> Placed:
         """Where it is at the (n,) times; before the first sample and after the last one it stands."""
         if not self.moves:
@@ -92,6 +98,8 @@ class Motion:
         heading, odometer = (
             v[low] + share[:, 0] * (v[low + 1] - v[low]) for v in (self.heading_rad, self._odometer_m)
         )
+        if len(heading) and np.ptp(heading) < STRAIGHT_RAD and np.ptp(slope, axis=0).max() < STRAIGHT_RAD:
+            heading, slope = heading.mean(keepdims=True), slope.mean(axis=0, keepdims=True)
         return Placed(rotations(heading, slope), place, odometer)
 
 

@@ -126,7 +126,7 @@ def wheelchair_user(rng: np.random.Generator) -> Model:
         parts.append(seated_leg(who, (-0.1, y, seat + 0.1), (0.34, y, seat + 0.1), (0.44, y, 0.2)))
         parts.append(_wheel(-0.15, way * 0.31, 0.31, CHROME, 0.04, 16))
         parts.append(_wheel(0.34, way * 0.24, 0.09, STEEL, 0.045, 8))
-        parts.append(block((0.345, 0.62), (y - 0.08, y + 0.08), (0.11, 0.14), DARK))
+        parts.append(block((0.345, 0.67), (y - 0.08, y + 0.08), (0.11, 0.14), DARK))
         rail = way * 0.25
         parts.append(tube((0.3, rail, seat), (0.42, rail, 0.12), 0.015, STEEL, sides=5))
         parts.append(block((-0.28, 0.16), (rail - 0.025, rail + 0.025), (0.73, 0.77), DARK))
