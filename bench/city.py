@@ -62,7 +62,7 @@ def plain_s(settings: CityParams) -> float:
     ways = np.resize(way, (1_000_000, 3)).astype(np.float32)
     rays = Rays(np.tile(np.float32([0, -2, 2]), (len(ways), 1)), ways, np.zeros(len(ways)))
     started = time.perf_counter()
-    caster.cast(rays, reach_m=80)
+    caster.cast(rays, reach_m=80.0)
     return time.perf_counter() - started
 
 

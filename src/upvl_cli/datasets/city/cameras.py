@@ -19,7 +19,7 @@ FOCAL_PX = 660.0  # 52 degrees across: neighbours overlap by a few
 DISTORTION = (-0.06, 0.012, 0.0004, -0.0003, 0.0)
 REACH_M = 250.0
 SHADOW_M = 60.0
-TILE_PX = 32
+TILE_PX = 16
 OFF_M = np.float32(2e-3)  # a shadow is looked for this far off its surface
 MIRROR = np.float32(0.6)  # share of the sky that the best mirror shows
 # As on the Waymo car: nothing looks back.
@@ -78,13 +78,19 @@ def pixel_rays(caster: Caster, seen_by: Camera, time_s: float, rolling_s: float)
 
 
 @cache
-def _ways(name: str) -> Floats:
-    """(height x width, 3) directions of a camera's pixels in ego axes."""
-    seen_by = camera(name)
-    v, u = np.divmod(np.arange(seen_by.width_px * seen_by.height_px), seen_by.width_px)
-    ways = camera_rays(seen_by, np.stack([u, v], axis=1))
+def _ways(name: str) -> Array:
+    """(height x width, 3) float32 directions of a camera's pixels in ego axes."""
+    ways = (_ways_of_front() @ camera(name).ego_from_camera[:3, :3].T).astype(np.float32)
     ways.flags.writeable = False
     return ways
+
+
+@cache
+def _ways_of_front() -> Floats:
+    """The same in the axes of the camera: all five have the same lens."""
+    front = camera("front")
+    v, u = np.divmod(np.arange(front.width_px * front.height_px), front.width_px)
+    return camera_rays(front, np.stack([u, v], axis=1)) @ front.ego_from_camera[:3, :3]
 
 
 def picture(
@@ -111,7 +117,7 @@ def picture(
     rays = pixel_rays(caster, seen_by, time_s, rolling_s)
     tiles, by_row = _tiles(seen_by.width_px, seen_by.height_px)
     rays = rays.chosen(tiles)
-    in_tiles, _ = caster.cast(rays, reach_m=REACH_M)
+    in_tiles = caster.cast(rays, reach_m=REACH_M)
     colour, hits = _colours(caster, rays, in_tiles, weather)[by_row], in_tiles[by_row]
     colour *= np.float32(weather.exposure) * np.array([weather.warmth, 1, 1 / weather.warmth], np.float32)
     colour += np.float32(noise * weather.noise * 255) * rng.standard_normal(colour.shape, dtype=np.float32)

@@ -1,15 +1,15 @@
 """Casts rays at the city: the first surface on each ray, at the time of that ray.
 
 Embree finds the triangles (Wald et al., "Embree: a kernel framework for efficient CPU ray tracing",
-SIGGRAPH 2014). What stands for good is one mesh in world axes. Each thing has meshes in its own axes:
-rays are brought there by where it is at the time of each ray, so a sweep sees it move.
+SIGGRAPH 2014). What never moves is one mesh in world axes. What moves has meshes in its own axes: rays are
+brought there by where it is at the time of each ray, so a sweep sees it move.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
@@ -22,7 +22,7 @@ from upvl_cli.datasets.city.scene import STUFF_NAMES, Scene
 from upvl_cli.types import Array, Bools, Floats, Ints, ParallelArrays, array
 
 NOTHING = -1
-_BLOCK = 1024  # rays that are looked at together first
+_BLOCK = 256  # rays that are looked at together first
 _CLEAR_M = 1e-3  # a shadow ray starts this far off its surface
 
 
@@ -51,7 +51,7 @@ class Hits(ParallelArrays):
     Attributes:
         range_m: (n,) distance along the ray; infinite where it meets nothing.
         normal: (n, 3) to the side of the surface that the ray comes from, in world axes.
-        local_m: (n, 3) the place in the axes of the thing, its swinging parts at rest; in world axes on stuff.
+        local_m: (n, 3) the place in the axes of what moves, its parts at rest; in world axes on what never does.
         surface: (n,) place in the scene's `surfaces`; -1 for nothing.
         name: (n,) place in the scene's `names`; -1 for nothing.
         thing: (n,) number of the thing; -1 for stuff and nothing.
@@ -68,101 +68,111 @@ class Hits(ParallelArrays):
 
 
 class _Triangles(NamedTuple):
-    """A mesh that can be asked, and what each of its faces is."""
+    """A mesh that can be asked, and what each of its faces is, as in `Hits`."""
 
     scene: EmbreeScene
     surface: Ints
     name: Ints
+    thing: Ints
+    part: Ints
 
 
 class Caster:
-    """Asks one scene; its meshes are built once."""
+    """Asks one scene; its meshes are built once. What never moves is one mesh, things and stuff together."""
 
     def __init__(self, scene: Scene) -> None:
         """Build the meshes."""
         self.scene = scene
         number = {surface: place for place, surface in enumerate(scene.surfaces)}
 
-        def triangles(mesh: Mesh, name: Ints) -> _Triangles:
-            surface = np.array([number[one] for one in mesh.surfaces], dtype=np.int64)[mesh.surface]
+        def triangles(owned: Sequence[tuple[Mesh, int, int, int]]) -> _Triangles:
+            """Meshes with the name, thing and part of each, as one."""
+            mesh = joined(mesh for mesh, *_ in owned)
+            surface = np.array([number[one] for one in mesh.surfaces], dtype=np.int32)[mesh.surface]
+            faces = np.array([len(mesh.face) for mesh, *_ in owned], dtype=np.int64)
+            name, thing, part = np.array([owner for _, *owner in owned], dtype=np.int32).reshape(-1, 3).T
             found = EmbreeScene()
             TriangleMesh(found, mesh.corner_m.astype(np.float32), mesh.face.astype(np.int32))
-            return _Triangles(found, surface, name)
+            return _Triangles(found, surface, *(np.repeat(of, faces) for of in (name, thing, part)))
 
-        stuff = np.concatenate(
-            [
-                np.zeros(0, np.int64),
-                *(np.full(len(p.mesh.face), STUFF_NAMES.index(p.name)) for p in scene.pieces),
-            ]
-        )
-        self._stuff = triangles(joined(piece.mesh for piece in scene.pieces), stuff)
-        self._parts = [
-            [triangles(part.mesh, np.full(len(part.mesh.face), name)) for part in thing.model.parts]
-            for thing, name in zip(scene.things, scene.name_of_thing, strict=True)
-        ]
+        still = [(piece.mesh, STUFF_NAMES.index(piece.name), NOTHING, NOTHING) for piece in scene.pieces]
+        self._movers: dict[int, list[_Triangles]] = {}
+        for place, (thing, name) in enumerate(zip(scene.things, scene.name_of_thing.tolist(), strict=True)):
+            owned = [(part.mesh, name, place, at) for at, part in enumerate(thing.model.parts)]
+            if thing.motion.moves:
+                self._movers[place] = [triangles([one]) for one in owned]
+            else:
+                placed = thing.motion.at(np.zeros(1))
+                still += [
+                    (replace(mesh, corner_m=placed.world(mesh.corner_m)), *owner) for mesh, *owner in owned
+                ]
+        self._still = triangles(still)
 
-    def cast(self, rays: Rays, *, reach_m: float) -> tuple[Hits, Ints]:
-        """The first surface on each ray, and on how many rays each thing would be seen if it were alone.
+    def cast(self, rays: Rays, *, reach_m: float) -> Hits:
+        """The first surface on each ray.
 
         Args:
             rays: The rays.
             reach_m: A surface further away is not met.
-
-        Returns:
-            The hits, and (t,) counts.
         """
-        total = len(rays.way)
-        surface, name, thing, part = (np.full(total, NOTHING, dtype=np.int32) for _ in range(4))
-        alone = np.zeros(len(self.scene.things), dtype=np.int64)
-        met, found = _ask(self._stuff, rays.start_m, rays.way, reach_m)
-        best_m, normal = np.where(met, found["tfar"], np.float32(np.inf)), found["Ng"]
-        local = rays.start_m + np.where(met, best_m, np.float32(0))[:, None] * rays.way
-        surface[met] = self._stuff.surface[found["primID"][met]]
-        name[met] = self._stuff.name[found["primID"][met]]
+        met, found = _ask(self._still, rays, reach_m)
+        range_m, normal = np.where(met, found["tfar"], np.float32(np.inf)), found["Ng"]
+        local = rays.start_m + np.where(met, range_m, np.float32(0))[:, None] * rays.way
+        face = np.where(met, found["primID"], 0)
+        surface, name, thing, part = (np.where(met, of[face], np.int32(NOTHING)) for of in self._still[1:])
         for number, near in self._near(rays, reach_m):
-            placed = self.scene.things[number].motion.at(rays.time_s[near])
-            start, way = placed.local(rays.start_m[near]), placed.inward(rays.way[near])
-            any_part = np.zeros(len(near), dtype=np.bool_)
-            for place, rigid in enumerate(self.scene.things[number].model.parts):
-                turn = swings(rigid, placed.odometer_m)
-                start_here, way_here = _turned(start, -turn, rigid.pivot_m), _turned(way, -turn)
-                met, found = _ask(self._parts[number][place], start_here, way_here, reach_m)
-                any_part |= met
-                met &= found["tfar"] < best_m[near]
-                at = near[met]
-                best_m[at] = found["tfar"][met]
-                local[at] = start_here[met] + best_m[at, None] * way_here[met]
+            for triangles, placed, turn, here in self._brought(number, rays.chosen(near)):
+                met, found = _ask(triangles, here, reach_m)
+                met &= found["tfar"] < range_m[near]
+                at, face = near[met], found["primID"][met]
+                range_m[at] = found["tfar"][met]
+                local[at] = here.start_m[met] + range_m[at, None] * here.way[met]
                 outward = _turned(found["Ng"][met], turn if len(turn) == 1 else turn[met])
                 normal[at] = placed.chosen(met).outward(outward)
-                surface[at] = self._parts[number][place].surface[found["primID"][met]]
-                name[at], thing[at], part[at] = self.scene.name_of_thing[number], number, place
-            alone[number] = any_part.sum()
+                for values, of in zip((surface, name, thing, part), triangles[1:], strict=True):
+                    values[at] = of[face]
         length = np.sqrt(np.einsum("ni,ni->n", normal, normal))
         towards = -np.sign(np.einsum("ni,ni->n", normal, rays.way))
         normal *= (towards / np.where(length > 0, length, 1))[:, None]
-        return Hits(best_m, normal, local, surface, name, thing, part), alone
+        return Hits(range_m, normal, local, surface, name, thing, part)
 
     def shaded(self, rays: Rays, *, reach_m: float) -> Bools:
         """(n,) whether anything lies on each ray: what a light at its end does not reach."""
-        start_m = rays.start_m + np.float32(_CLEAR_M) * rays.way
-        dark = _asked(self._stuff.scene, start_m, rays.way, reach_m, "OCCLUDED") >= 0
+        rays = rays._replace(start_m=rays.start_m + np.float32(_CLEAR_M) * rays.way)
+        dark = _asked(self._still.scene, rays, reach_m, "OCCLUDED") >= 0
         for number, around in self._near(rays, reach_m):
             near = around[~dark[around]]
-            placed = self.scene.things[number].motion.at(rays.time_s[near])
-            start, way = placed.local(start_m[near]), placed.inward(rays.way[near])
-            for place, rigid in enumerate(self.scene.things[number].model.parts):
-                turn = swings(rigid, placed.odometer_m)
-                start_here, way_here = _turned(start, -turn, rigid.pivot_m), _turned(way, -turn)
-                hidden = (
-                    _asked(self._parts[number][place].scene, start_here, way_here, reach_m, "OCCLUDED") >= 0
-                )
-                dark[near[hidden]] = True
+            for triangles, _, _, here in self._brought(number, rays.chosen(near)):
+                dark[near[_asked(triangles.scene, here, reach_m, "OCCLUDED") >= 0]] = True
         return np.asarray(dark)
 
+    def alone(self, rays: Rays, *, reach_m: float) -> Ints:
+        """(t,) on how many rays each thing would be if there were nothing else.
+
+        Args:
+            rays: The rays.
+            reach_m: What is further away is not counted.
+        """
+        counts = np.zeros(len(self.scene.things), dtype=np.int64)
+        for number, thing in enumerate(self.scene.things):
+            only = Caster(Scene((thing,), (), self.scene.ego))
+            counts[number] = (only.cast(rays, reach_m=reach_m).thing == 0).sum()
+        return counts
+
+    def _brought(self, number: int, rays: Rays) -> Iterator[tuple[_Triangles, Placed, Floats, Rays]]:
+        """Each part of a mover: its mesh, where the mover is, how far the part has swung, the rays in its axes."""
+        thing = self.scene.things[number]
+        placed = thing.motion.at(rays.time_s)
+        start, way = placed.local(rays.start_m), placed.inward(rays.way)
+        for triangles, part in zip(self._movers[number], thing.model.parts, strict=True):
+            turn = swings(part, placed.odometer_m)
+            here = Rays(_turned(start, -turn, part.pivot_m), _turned(way, -turn), rays.time_s)
+            yield triangles, placed, turn, here
+
     def _near(self, rays: Rays, reach_m: float) -> Iterator[tuple[int, Ints]]:
-        """Each thing with the rays that pass its ball."""
+        """Each mover with the rays that come near it, in whole blocks: Embree is quicker than a closer look."""
         total = len(rays.way)
-        if not total:
+        if not total or not self._movers:
             return
         first, block_of = np.arange(0, total, _BLOCK), np.arange(total) // _BLOCK
         axis = np.add.reduceat(rays.way, first).astype(np.float64)
@@ -171,30 +181,25 @@ class Caster:
         spread = np.arccos(np.clip(np.minimum.reduceat(slant, first), -1, 1)) + 1e-3
         low, high = np.minimum.reduceat(rays.start_m, first), np.maximum.reduceat(rays.start_m, first)
         middle, wide = (low + high) / 2, np.linalg.norm(high - low, axis=1) / 2
-        centre, radius = self._balls(float(rays.time_s.min()), float(rays.time_s.max()))
-        # Whole blocks first: the cone of a block's ways, from the middle of its starts, against each ball.
+        movers = list(self._movers)
+        centre, radius = self._balls(movers, float(rays.time_s.min()), float(rays.time_s.max()))
+        # The cone of a block's ways, from the middle of its starts, against each ball.
         away = centre[:, None] - middle
         distance = np.maximum(np.linalg.norm(away, axis=2), 1e-9)
         angle = np.arccos(np.clip(np.einsum("tbi,bi->tb", away, axis) / distance, -1, 1))
         size = radius[:, None] + wide
         seen = spread + np.arcsin(np.clip(size / distance, 0, 1))
         met = (distance < reach_m + size) & ((angle < seen) | (distance < size))
-        for number in np.flatnonzero(met.any(axis=1)):
-            here = np.flatnonzero(met[number][block_of])
-            x, y, z = (centre[number].astype(np.float32) - rays.start_m[here]).T
-            i, j, k = rays.way[here].T
-            along = x * i + y * j + z * k
-            near = here[
-                (x * x + y * y + z * z - along * along < radius[number] ** 2) & (along > -radius[number])
-            ]
-            if len(near):
-                yield int(number), near
+        for row in np.flatnonzero(met.any(axis=1)):
+            near = (np.flatnonzero(met[row])[:, None] * _BLOCK + np.arange(_BLOCK)).ravel()
+            yield movers[row], near[near < total]
 
-    def _balls(self, from_s: float, until_s: float) -> tuple[Floats, Floats]:
-        """(t, 3) centres and (t,) radii of balls around the things, wherever they are in that time."""
-        motions = [thing.motion for thing in self.scene.things]
+    def _balls(self, movers: Sequence[int], from_s: float, until_s: float) -> tuple[Floats, Floats]:
+        """(m, 3) centres and (m,) radii of balls around the movers, wherever they are in that time."""
+        things = [self.scene.things[number] for number in movers]
+        motions = [thing.motion for thing in things]
         first, last = (np.array([m.place_at(t) for m in motions]).reshape(-1, 3) for t in (from_s, until_s))
-        size = np.array([thing.model.size_lwh_m for thing in self.scene.things]).reshape(-1, 3)
+        size = np.array([thing.model.size_lwh_m for thing in things]).reshape(-1, 3)
         centre = (first + last) / 2 + size * [0, 0, 0.5]
         return centre, np.linalg.norm(size, axis=1) / 2 + np.linalg.norm(last - first, axis=1) / 2 + 0.3
 
@@ -207,7 +212,7 @@ def swings(part: Part, odometer_m: Array) -> Floats:
 
 
 def world_places(scene: Scene, hits: Hits, placed_s: Array) -> Floats:
-    """(n, 3) where the places that were met are at other times: fixed to their thing and its part.
+    """(n, 3) where the places that were met on movers are at other times: fixed to their thing and its part.
 
     Args:
         scene: The scene.
@@ -215,7 +220,7 @@ def world_places(scene: Scene, hits: Hits, placed_s: Array) -> Floats:
         placed_s: (n,) the times.
     """
     out = np.array(hits.local_m, dtype=np.float64)
-    for number in np.unique(hits.thing[hits.thing >= 0]):
+    for number in np.unique(hits.thing[hits.thing >= 0]).tolist():
         of = np.flatnonzero(hits.thing == number)
         placed: Placed = scene.things[number].motion.at(placed_s[of])
         local = out[of]
@@ -243,18 +248,16 @@ def _turned(xyz: Array, pitch_rad: Array, pivot_m: Triple = (0.0, 0.0, 0.0)) -> 
     return np.asarray(np.stack([cos * x + sin * z, y, cos * z - sin * x], axis=1) + pivot, dtype=xyz.dtype)
 
 
-def _ask(
-    triangles: _Triangles, start_m: Floats, way: Floats, reach_m: float
-) -> tuple[Bools, dict[str, Array]]:
-    found = _asked(triangles.scene, start_m, way, reach_m, "INTERSECT")
+def _ask(triangles: _Triangles, rays: Rays, reach_m: float) -> tuple[Bools, Any]:
+    found = _asked(triangles.scene, rays, reach_m, "INTERSECT")
     return found["primID"] >= 0, found
 
 
-def _asked(scene: EmbreeScene, start_m: Floats, way: Floats, reach_m: float, query: str) -> Array:
+def _asked(scene: EmbreeScene, rays: Rays, reach_m: float, query: str) -> Any:
     return scene.run(
-        np.ascontiguousarray(start_m, np.float32),
-        np.ascontiguousarray(way, np.float32),
-        dists=np.full(len(way), reach_m, np.float32),
+        np.ascontiguousarray(rays.start_m, np.float32),
+        np.ascontiguousarray(rays.way, np.float32),
+        dists=np.full(len(rays.way), reach_m, np.float32),
         query=query,
         output=1 if query == "INTERSECT" else None,
     )

@@ -14,7 +14,7 @@ import numpy as np
 from upvl_cli.datasets.city.build import build
 from upvl_cli.datasets.city.cameras import CAMERAS, picture, trigger_s
 from upvl_cli.datasets.city.cast import Caster, Hits, world_places
-from upvl_cli.datasets.city.lidar import sweep
+from upvl_cli.datasets.city.lidar import REACH_M, rays_at, sweep
 from upvl_cli.datasets.city.scene import Scene
 from upvl_cli.datasets.city.settings import CityParams
 from upvl_cli.datasets.city.weather import Weather, weather
@@ -123,7 +123,7 @@ class CityDrive:
         time_s, caster = self._time_s(frame), self._caster
         pose = self.world_from_ego[frame]
         rng = np.random.default_rng([*self._seed, _SWEEP, frame])
-        returns, hits, _ = sweep(caster, time_s, self._settings.noise, rng)
+        returns, hits = sweep(caster, time_s, self._settings.noise, rng)
         points = Points(
             xyz_ego_m=apply(inverse(pose), returns.xyz_world_m),
             intensity=returns.intensity,
@@ -135,12 +135,12 @@ class CityDrive:
         return points, PointTruth(hits.thing, hits.name, moved @ pose[:3, :3] * RATE_HZ)
 
     def visible(self, frame: int) -> Floats:
-        """(t,) share of the rays that would meet each thing alone which do meet it; NaN where none would."""
-        rng = np.random.default_rng([*self._seed, _SWEEP, frame])
-        _, hits, alone = sweep(self._caster, self._time_s(frame), self._settings.noise, rng)
-        seen = np.bincount(hits.thing[hits.thing >= 0], minlength=len(alone))
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return np.asarray(seen / np.where(alone > 0, alone, np.nan))
+        """(t,) share of the LiDARs' rays that would meet each thing alone which do meet it; NaN where none would."""
+        rays, _ = rays_at(self._caster, self._time_s(frame))
+        thing = self._caster.cast(rays, reach_m=REACH_M).thing
+        alone = self._caster.alone(rays, reach_m=REACH_M)
+        seen = np.bincount(thing[thing >= 0], minlength=len(alone))
+        return np.asarray(seen / np.where(alone > 0, alone, np.nan))
 
     def image(self, frame: int, camera: str) -> Image | None:
         """Return the picture of the frame of that index."""

@@ -11,6 +11,7 @@ from upvl_cli.datasets.city.cast import Caster, Hits, Rays
 from upvl_cli.types import Array, Floats, Ints, ParallelArrays, array
 
 TURN_S = 0.1
+TILE = 16
 ROOF_M = (1.4, 0.0, 2.1)  # the mount of the spinning one, in ego axes
 COLUMNS = 2500
 REACH_M = 80.0
@@ -80,9 +81,24 @@ def _fan(azimuth_rad: Array, elevation_rad: Array) -> Floats:
     )
 
 
-def sweep(
-    caster: Caster, time_s: float, noisy: float, rng: np.random.Generator
-) -> tuple[Returns, Hits, Ints]:
+@cache
+def _tiles(total: int) -> tuple[Ints, Ints]:
+    """The numbers of all rays tile by tile, and where each is among them: neighbours are cast together."""
+    column, row = np.divmod(np.arange(COLUMNS * len(ELEVATION_RAD)), len(ELEVATION_RAD))
+    roof = np.lexsort((row, column, row // TILE, column // TILE))
+    tiles = np.append(roof, np.arange(len(roof), total))
+    return tiles, np.argsort(tiles)
+
+
+def rays_at(caster: Caster, time_s: float) -> tuple[Rays, Ints]:
+    """The rays of the sweep around a time, and the sensor of each."""
+    start, way, after_s, sensor = directions()
+    times = time_s + after_s
+    ego = caster.scene.ego.at(times)
+    return Rays(ego.world(start).astype(np.float32), ego.outward(way).astype(np.float32), times), sensor
+
+
+def sweep(caster: Caster, time_s: float, noisy: float, rng: np.random.Generator) -> tuple[Returns, Hits]:
     """One turn of the LiDARs around a time.
 
     Args:
@@ -92,13 +108,12 @@ def sweep(
         rng: Source of all noise.
 
     Returns:
-        The returns, what each met, and (t,) on how many rays each thing would be if it were alone.
+        The returns, and what each met.
     """
-    start, way, after_s, sensor = directions()
-    times = time_s + after_s
-    ego = caster.scene.ego.at(times)
-    rays = Rays(ego.world(start).astype(np.float32), ego.outward(way).astype(np.float32), times)
-    hits, alone = caster.cast(rays, reach_m=REACH_M)
+    rays, sensor = rays_at(caster, time_s)
+    times = rays.time_s
+    tiles, by_column = _tiles(len(times))
+    hits = caster.cast(rays.chosen(tiles), reach_m=REACH_M)[by_column]
     surfaces = caster.scene.surfaces
     reflectance, dropout, depth_m = (
         np.array([getattr(surface, name) for surface in surfaces])[hits.surface]
@@ -122,4 +137,4 @@ def sweep(
         time_s=times[kept],
         ray=kept,
     )
-    return returns, hits[kept], alone
+    return returns, hits[kept]
