@@ -60,7 +60,9 @@ def plain_s(settings: CityParams) -> float:
     caster = Caster(replace(City(settings).open("train-000").scene, things=()))
     _, way, _, _ = directions()
     ways = np.resize(way, (1_000_000, 3)).astype(np.float32)
-    rays = Rays(np.tile(np.float32([0, -2, 2]), (len(ways), 1)), ways, np.zeros(len(ways)))
+    rays = Rays(
+        np.tile(np.float32([0, -2, 2]), (len(ways), 1)), ways, np.zeros(len(ways), np.int64), np.zeros(1)
+    )
     started = time.perf_counter()
     caster.cast(rays, reach_m=80.0)
     return time.perf_counter() - started

@@ -13,6 +13,7 @@ from upvl_cli.geometry.se3 import apply, inverse
 from upvl_cli.types import Array, Bools, Camera, Floats
 
 _NEWTON_STEPS = 20  # each doubles the right digits; a pixel that needs more has no ray
+_SETTLED = 1e-13  # of the focal length: a step that changes no digit that matters
 _CONVERGED = 1e-9  # of the focal length: a millionth of a pixel
 
 
@@ -68,7 +69,10 @@ def rays(camera: Camera, uv_px: Array) -> Floats:
     plane = target.copy()
     with np.errstate(all="ignore"):  # a pixel without a ray runs away and becomes NaN below
         for _ in range(_NEWTON_STEPS):
-            plane -= _newton_step(camera, plane, distorted(camera, plane) - target)
+            step = _newton_step(camera, plane, distorted(camera, plane) - target)
+            plane -= step
+            if not (np.abs(step) > _SETTLED).any():
+                break
         missed = np.abs(distorted(camera, plane) - target).max(axis=1, initial=0)
         arrives = (missed < _CONVERGED) & ((plane * plane).sum(axis=1) < _turning_point(camera))
     plane[~arrives] = np.nan

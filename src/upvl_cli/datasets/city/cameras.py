@@ -56,7 +56,7 @@ def trigger_s(name: str) -> float:
 
 
 def pixel_rays(caster: Caster, seen_by: Camera, time_s: float, rolling_s: float) -> Rays:
-    """The rays of all pixels, row by row.
+    """The rays of all pixels, in the order of `tiles`.
 
     Args:
         caster: The city.
@@ -64,23 +64,28 @@ def pixel_rays(caster: Caster, seen_by: Camera, time_s: float, rolling_s: float)
         time_s: When the middle row is exposed.
         rolling_s: From the first row to the last one.
     """
-    way = _ways(seen_by.name)
-    row = np.arange(len(way)) // seen_by.width_px
-    times = time_s + rolling_s * (row / (seen_by.height_px - 1) - 0.5)
-    ego = caster.scene.ego.at(times)
-    start = (
-        ego.world(seen_by.ego_from_camera[None, :3, 3])
-        if len(ego.place_m) == 1
-        else ego.world(np.tile(seen_by.ego_from_camera[:3, 3], (len(way), 1)))
-    )
-    starts = np.broadcast_to(start.astype(np.float32), way.shape)
-    return Rays(starts, ego.outward(way).astype(np.float32), times)
+    order, _ = tiles(seen_by.width_px, seen_by.height_px)
+    way, mount = _ways(seen_by.name), seen_by.ego_from_camera[:3, 3]
+    if rolling_s == 0:
+        ego, row, moments_s = (
+            caster.scene.ego.at(np.array([time_s])),
+            np.zeros_like(order),
+            np.array([time_s]),
+        )
+        starts = np.broadcast_to(ego.world(mount[None]).astype(np.float32), way.shape)
+        return Rays(starts, ego.outward(way).astype(np.float32), row, moments_s)
+    row = order // seen_by.width_px
+    moments_s = time_s + rolling_s * (np.arange(seen_by.height_px) / (seen_by.height_px - 1) - 0.5)
+    ego = caster.scene.ego.at(moments_s).chosen(row)
+    starts = ego.world(np.broadcast_to(mount, way.shape)).astype(np.float32)
+    return Rays(starts, ego.outward(way).astype(np.float32), row, moments_s)
 
 
 @cache
 def _ways(name: str) -> Array:
-    """(height x width, 3) float32 directions of a camera's pixels in ego axes."""
-    ways = (_ways_of_front() @ camera(name).ego_from_camera[:3, :3].T).astype(np.float32)
+    """(height x width, 3) float32 directions of a camera's pixels in ego axes, in the order of `tiles`."""
+    order, _ = tiles(WIDTH_PX, HEIGHT_PX)
+    ways = (_ways_of_front() @ camera(name).ego_from_camera[:3, :3].T).astype(np.float32)[order]
     ways.flags.writeable = False
     return ways
 
@@ -103,7 +108,7 @@ def picture(
     noise: float,
     rng: np.random.Generator,
 ) -> tuple[Array, Hits]:
-    """A picture, (height, width, 3) uint8, and what each pixel shows, row by row.
+    """A picture, (height, width, 3) uint8, and what each pixel shows, in the order of `tiles`.
 
     Args:
         caster: The city.
@@ -115,10 +120,8 @@ def picture(
         rng: Source of the noise.
     """
     rays = pixel_rays(caster, seen_by, time_s, rolling_s)
-    tiles, by_row = _tiles(seen_by.width_px, seen_by.height_px)
-    rays = rays.chosen(tiles)
-    in_tiles = caster.cast(rays, reach_m=REACH_M)
-    colour, hits = _colours(caster, rays, in_tiles, weather)[by_row], in_tiles[by_row]
+    hits = caster.cast(rays, reach_m=REACH_M)
+    colour = _colours(caster, rays, hits, weather)[tiles(seen_by.width_px, seen_by.height_px)[1]]
     colour *= np.float32(weather.exposure) * np.array([weather.warmth, 1, 1 / weather.warmth], np.float32)
     colour += np.float32(noise * weather.noise * 255) * rng.standard_normal(colour.shape, dtype=np.float32)
     shape = (seen_by.height_px, seen_by.width_px, 3)
@@ -126,14 +129,14 @@ def picture(
 
 
 @cache
-def _tiles(width_px: int, height_px: int) -> tuple[Ints, Ints]:
+def tiles(width_px: int, height_px: int) -> tuple[Ints, Ints]:
     """The numbers of all pixels tile by tile, and where each pixel is among them.
 
     Rays that follow each other are to lie close together.
     """
     v, u = np.divmod(np.arange(width_px * height_px), width_px)
-    tiles = np.lexsort((u, v, u // TILE_PX, v // TILE_PX))
-    return tiles, np.argsort(tiles)
+    order = np.lexsort((u, v, u // TILE_PX, v // TILE_PX))
+    return order, np.argsort(order)
 
 
 def _colours(caster: Caster, rays: Rays, hits: Hits, weather: Weather) -> Array:
@@ -163,7 +166,7 @@ def _light(caster: Caster, rays: Rays, hits: Hits, weather: Weather) -> Array:
     lit = np.flatnonzero((facing > 0) & (hits.surface != NOTHING)) if weather.sun_share > 0 else []
     if len(lit):
         at = rays.start_m[lit] + hits.range_m[lit, None] * rays.way[lit] + OFF_M * hits.normal[lit]
-        to_sun = Rays(at, np.broadcast_to(sun, at.shape), rays.time_s[lit])
+        to_sun = Rays(at, np.broadcast_to(sun, at.shape), rays.moment[lit], rays.moments_s)
         facing[lit[caster.shaded(to_sun, reach_m=SHADOW_M)]] = 0
     # The sky lights what looks up more than what looks down.
     from_sky = np.float32(1 - weather.sun_share) * (np.float32(0.7) + np.float32(0.3) * hits.normal[:, 2])

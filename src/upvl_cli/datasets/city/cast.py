@@ -32,16 +32,18 @@ class Rays(NamedTuple):
     Attributes:
         start_m: (n, 3) float32, where each starts.
         way: (n, 3) float32 directions, of length 1.
-        time_s: (n,) when.
+        moment: (n,) place in `moments_s` of the time of each ray.
+        moments_s: (m,) the times, ascending.
     """
 
-    start_m: Floats
-    way: Floats
-    time_s: Floats
+    start_m: Array
+    way: Array
+    moment: Ints
+    moments_s: Floats
 
     def chosen(self, index: Array) -> Rays:
         """Those of that mask or those numbers."""
-        return Rays(self.start_m[index], self.way[index], self.time_s[index])
+        return self._replace(start_m=self.start_m[index], way=self.way[index], moment=self.moment[index])
 
 
 @dataclass(frozen=True)
@@ -162,11 +164,12 @@ class Caster:
     def _brought(self, number: int, rays: Rays) -> Iterator[tuple[_Triangles, Placed, Floats, Rays]]:
         """Each part of a mover: its mesh, where the mover is, how far the part has swung, the rays in its axes."""
         thing = self.scene.things[number]
-        placed = thing.motion.at(rays.time_s)
+        first, last = (int(rays.moment.min()), int(rays.moment.max())) if len(rays.moment) else (0, 0)
+        placed = thing.motion.at(rays.moments_s[first : last + 1]).chosen(rays.moment - first)
         start, way = placed.local(rays.start_m), placed.inward(rays.way)
         for triangles, part in zip(self._movers[number], thing.model.parts, strict=True):
             turn = swings(part, placed.odometer_m)
-            here = Rays(_turned(start, -turn, part.pivot_m), _turned(way, -turn), rays.time_s)
+            here = Rays(_turned(start, -turn, part.pivot_m), _turned(way, -turn), rays.moment, rays.moments_s)
             yield triangles, placed, turn, here
 
     def _near(self, rays: Rays, reach_m: float) -> Iterator[tuple[int, Ints]]:
@@ -182,7 +185,7 @@ class Caster:
         low, high = np.minimum.reduceat(rays.start_m, first), np.maximum.reduceat(rays.start_m, first)
         middle, wide = (low + high) / 2, np.linalg.norm(high - low, axis=1) / 2
         movers = list(self._movers)
-        centre, radius = self._balls(movers, float(rays.time_s.min()), float(rays.time_s.max()))
+        centre, radius = self._balls(movers, float(rays.moments_s[0]), float(rays.moments_s[-1]))
         # The cone of a block's ways, from the middle of its starts, against each ball.
         away = centre[:, None] - middle
         distance = np.maximum(np.linalg.norm(away, axis=2), 1e-9)

@@ -12,7 +12,7 @@ from types import MappingProxyType
 import numpy as np
 
 from upvl_cli.datasets.city.build import build
-from upvl_cli.datasets.city.cameras import CAMERAS, picture, trigger_s
+from upvl_cli.datasets.city.cameras import CAMERAS, picture, tiles, trigger_s
 from upvl_cli.datasets.city.cast import Caster, Hits, world_places
 from upvl_cli.datasets.city.lidar import REACH_M, rays_at, sweep
 from upvl_cli.datasets.city.scene import Scene
@@ -116,23 +116,28 @@ class CityDrive:
 
     def points(self, frame: int) -> Points:
         """Return the sweep of the frame of that index, motion-compensated to its time."""
-        return self.points_with_truth(frame)[0]
+        return self._sweep(frame)[0]
 
     def points_with_truth(self, frame: int) -> tuple[Points, PointTruth]:
         """Return a sweep and what is true of its points; the truth is for evaluation only."""
+        points, hits, time_s = self._sweep(frame)
+        moved = self._moved_m(hits, time_s)
+        to_ego = self.world_from_ego[frame][:3, :3]
+        return points, PointTruth(hits.thing, hits.name, moved @ to_ego * RATE_HZ)
+
+    def _sweep(self, frame: int) -> tuple[Points, Hits, Floats]:
+        """The points of a sweep, what each lies on, and the time of each."""
         time_s, caster = self._time_s(frame), self._caster
-        pose = self.world_from_ego[frame]
         rng = np.random.default_rng([*self._seed, _SWEEP, frame])
         returns, hits = sweep(caster, time_s, self._settings.noise, rng)
         points = Points(
-            xyz_ego_m=apply(inverse(pose), returns.xyz_world_m),
+            xyz_ego_m=apply(inverse(self.world_from_ego[frame]), returns.xyz_world_m),
             intensity=returns.intensity,
             elongation=returns.elongation,
             sensor=returns.sensor,
             time_offset_ns=np.rint((returns.time_s - time_s) * 1e9),
         )
-        moved = self._moved_m(hits, returns.time_s)
-        return points, PointTruth(hits.thing, hits.name, moved @ pose[:3, :3] * RATE_HZ)
+        return points, hits, returns.time_s
 
     def visible(self, frame: int) -> Floats:
         """(t,) share of the LiDARs' rays that would meet each thing alone which do meet it; NaN where none would."""
@@ -144,28 +149,33 @@ class CityDrive:
 
     def image(self, frame: int, camera: str) -> Image | None:
         """Return the picture of the frame of that index."""
-        return self.image_with_truth(frame, camera)[0]
+        return self._picture(frame, camera)[0]
 
     def image_with_truth(self, frame: int, camera: str) -> tuple[Image, PixelTruth]:
         """Return a picture and what each of its pixels shows; the truth is for evaluation only."""
+        image, in_tiles = self._picture(frame, camera)
+        height_px, width_px, _ = image.rgb.shape
+        hits = in_tiles[tiles(width_px, height_px)[1]]
+        return image, PixelTruth(
+            *(values.reshape(height_px, width_px) for values in (hits.name, hits.thing, hits.range_m))
+        )
+
+    def _picture(self, frame: int, camera: str) -> tuple[Image, Hits]:
+        """A picture, and what its pixels show, tile by tile."""
         known = [one.name for one in CAMERAS]
         if camera not in known:
             raise BadInput(f"{self.name} has no camera {camera!r}; it has {', '.join(known)}")
         time_s = self._time_s(frame) + trigger_s(camera)
-        seen_by = CAMERAS[known.index(camera)]
-        rng = np.random.default_rng([*self._seed, _PICTURE, frame, known.index(camera)])
         rgb, hits = picture(
             self._caster,
-            seen_by,
+            CAMERAS[known.index(camera)],
             time_s,
             self.weather,
             rolling_s=self._settings.rolling_s,
             noise=self._settings.noise,
-            rng=rng,
+            rng=np.random.default_rng([*self._seed, _PICTURE, frame, known.index(camera)]),
         )
-        shape = rgb.shape[:2]
-        truth = PixelTruth(hits.name.reshape(shape), hits.thing.reshape(shape), hits.range_m.reshape(shape))
-        return Image(rgb, FIRST_NS + round(time_s * 1e9)), truth
+        return Image(rgb, FIRST_NS + round(time_s * 1e9)), hits
 
     def _moved_m(self, hits: Hits, time_s: Floats) -> Floats:
         moved = np.zeros((len(hits), 3))

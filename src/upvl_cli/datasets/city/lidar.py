@@ -49,27 +49,20 @@ class Returns(ParallelArrays):
 
 
 @cache
-def directions() -> tuple[Floats, Floats, Floats, Ints]:
-    """All rays of a sweep in ego axes: starts (n, 3), ways (n, 3), seconds after the frame (n,), sensors (n,).
+def directions() -> tuple[Floats, Floats, Ints, Ints]:
+    """All rays of a sweep in ego axes: starts (n, 3), ways (n, 3), columns (n,) of the roof's, sensors (n,).
 
-    The roof's mirror turns clockwise and looks ahead at the time of the frame, as on KITTI's car.
+    The roof's mirror turns clockwise and looks ahead at the time of the frame, as on KITTI's car. The others
+    measure at once, at that time.
     """
-    azimuth = np.pi - (np.arange(COLUMNS) + 0.5) * (2 * np.pi / COLUMNS)
-    roof = _fan(azimuth, ELEVATION_RAD)
-    time_s = np.repeat(-azimuth / (2 * np.pi) * TURN_S, len(ELEVATION_RAD))
-    starts, ways, times, sensors = (
-        [np.tile(ROOF_M, (len(roof), 1))],
-        [roof],
-        [time_s],
-        [np.zeros(len(roof), np.int64)],
-    )
-    for number, (mount, yaw) in enumerate(zip(SHORT_MOUNTS_M, SHORT_YAW_RAD, strict=True), start=1):
-        fan = _fan(yaw + np.deg2rad(np.linspace(-75, 75, 151)), np.deg2rad(np.linspace(-45, 15, 21)))
-        starts.append(np.tile(mount, (len(fan), 1)))
-        ways.append(fan)
-        times.append(np.zeros(len(fan)))
-        sensors.append(np.full(len(fan), number))
-    return np.concatenate(starts), np.concatenate(ways), np.concatenate(times), np.concatenate(sensors)
+    fans = [_fan(np.pi - (np.arange(COLUMNS) + 0.5) * (2 * np.pi / COLUMNS), ELEVATION_RAD)]
+    for yaw in SHORT_YAW_RAD:
+        fans.append(_fan(yaw + np.deg2rad(np.linspace(-75, 75, 151)), np.deg2rad(np.linspace(-45, 15, 21))))
+    counts = [len(fan) for fan in fans]
+    sensor = np.repeat(np.arange(len(fans)), counts)
+    column = np.full(len(sensor), COLUMNS // 2)
+    column[: counts[0]] = np.repeat(np.arange(COLUMNS), len(ELEVATION_RAD))
+    return np.array([ROOF_M, *SHORT_MOUNTS_M])[sensor], np.concatenate(fans), column, sensor
 
 
 def _fan(azimuth_rad: Array, elevation_rad: Array) -> Floats:
@@ -92,10 +85,11 @@ def _tiles(total: int) -> tuple[Ints, Ints]:
 
 def rays_at(caster: Caster, time_s: float) -> tuple[Rays, Ints]:
     """The rays of the sweep around a time, and the sensor of each."""
-    start, way, after_s, sensor = directions()
-    times = time_s + after_s
-    ego = caster.scene.ego.at(times)
-    return Rays(ego.world(start).astype(np.float32), ego.outward(way).astype(np.float32), times), sensor
+    start, way, column, sensor = directions()
+    moments_s = time_s + ((np.arange(COLUMNS) + 0.5) / COLUMNS - 0.5) * TURN_S
+    ego = caster.scene.ego.at(moments_s).chosen(column)
+    rays = Rays(ego.world(start).astype(np.float32), ego.outward(way).astype(np.float32), column, moments_s)
+    return rays, sensor
 
 
 def sweep(caster: Caster, time_s: float, noisy: float, rng: np.random.Generator) -> tuple[Returns, Hits]:
@@ -111,7 +105,7 @@ def sweep(caster: Caster, time_s: float, noisy: float, rng: np.random.Generator)
         The returns, and what each met.
     """
     rays, sensor = rays_at(caster, time_s)
-    times = rays.time_s
+    times = rays.moments_s[rays.moment]
     tiles, by_column = _tiles(len(times))
     hits = caster.cast(rays.chosen(tiles), reach_m=REACH_M)[by_column]
     surfaces = caster.scene.surfaces

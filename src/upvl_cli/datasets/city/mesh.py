@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -106,11 +107,18 @@ def prism(outline_xz_m: Sequence[Pair], width_m: float, surface: Surface, inset_
     half = width_m / 2 - inset_m * (outline[:, 1] - low) / max(high - low, 1e-9)
     total = len(outline)
     # The outline once on the right (y < 0), once on the left, and the middles of both sides.
-    right, left = (np.column_stack([outline[:, 0], side * half, outline[:, 1]]) for side in (-1, 1))
-    middles = np.array([right.mean(axis=0), left.mean(axis=0)])
+    corners = np.empty((2 * total + 2, 3))
+    corners[:total, [0, 2]] = corners[total : 2 * total, [0, 2]] = outline
+    corners[:total, 1], corners[total : 2 * total, 1] = -half, half
+    corners[-2], corners[-1] = corners[:total].mean(axis=0), corners[total : 2 * total].mean(axis=0)
+    return of(corners, _prism_faces(total), surface)
+
+
+@cache
+def _prism_faces(total: int) -> Ints:
     here = np.arange(total)
     after = (here + 1) % total
-    faces = np.concatenate(
+    return np.concatenate(
         [
             np.column_stack([here, after, np.full(total, 2 * total)]),
             np.column_stack([after + total, here + total, np.full(total, 2 * total + 1)]),
@@ -118,7 +126,6 @@ def prism(outline_xz_m: Sequence[Pair], width_m: float, surface: Surface, inset_
             np.column_stack([after, here + total, after + total]),
         ]
     )
-    return of(np.concatenate([right, left, middles]), faces, surface)
 
 
 def tube(
@@ -132,18 +139,32 @@ def tube(
 ) -> Mesh:
     """A round bar between two places, or a cone where its ends differ."""
     start, end = np.array(start_m), np.array(end_m)
-    along = (end - start) / np.linalg.norm(end - start)
+    along = (end - start) / np.sqrt(((end - start) ** 2).sum())
     helper = np.eye(3)[np.abs(along).argmin()]
-    one = np.cross(along, helper)
-    one /= np.linalg.norm(one)
-    other = np.cross(along, one)
-    angle = np.arange(sides) * 2 * np.pi / sides
-    ring = np.cos(angle)[:, None] * one + np.sin(angle)[:, None] * other
+    one = _crossed(along, helper)
+    one /= np.sqrt((one**2).sum())
+    ring = _circle(sides) @ np.array([one, _crossed(along, one)])
     last_m = radius_m if end_radius_m is None else end_radius_m
     corners = np.concatenate([start + radius_m * ring, end + last_m * ring, [start, end]])
+    return of(corners, _tube_faces(sides), surface)
+
+
+def _crossed(a: Floats, b: Floats) -> Floats:
+    """The cross product of two vectors, without numpy's overhead."""
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+@cache
+def _circle(sides: int) -> Floats:
+    angle = np.arange(sides) * 2 * np.pi / sides
+    return np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+@cache
+def _tube_faces(sides: int) -> Ints:
     here = np.arange(sides)
     after = (here + 1) % sides
-    faces = np.concatenate(
+    return np.concatenate(
         [
             np.column_stack([here, after, here + sides]),
             np.column_stack([after, after + sides, here + sides]),
@@ -151,23 +172,28 @@ def tube(
             np.column_stack([here + sides, after + sides, np.full(sides, 2 * sides + 1)]),
         ]
     )
-    return of(corners, faces, surface)
 
 
 def ellipsoid(size_m: Triple, centre_m: Triple, surface: Surface, *, sides: int = 10) -> Mesh:
     """A ball, or what is left of one that was pressed."""
+    corners, faces = _ball(sides)
+    return of(corners * np.array(size_m) / 2 + np.array(centre_m), faces, surface)
+
+
+@cache
+def _ball(sides: int) -> tuple[Floats, Ints]:
+    """Corners and faces of a ball of radius 1."""
     rows = max(sides // 2, 3)
     polar = np.arange(1, rows) * np.pi / rows
-    angle = np.arange(sides) * 2 * np.pi / sides
+    circle = _circle(sides)
     ring = np.stack(
         [
-            np.sin(polar)[:, None] * np.cos(angle),
-            np.sin(polar)[:, None] * np.sin(angle),
+            np.sin(polar)[:, None] * circle[:, 0],
+            np.sin(polar)[:, None] * circle[:, 1],
             np.repeat(np.cos(polar)[:, None], sides, axis=1),
         ],
         axis=-1,
     ).reshape(-1, 3)
-    corners = np.concatenate([ring, [[0, 0, 1], [0, 0, -1]]]) * np.array(size_m) / 2 + np.array(centre_m)
     here = np.arange(sides)
     after = (here + 1) % sides
     top, bottom = len(ring), len(ring) + 1
@@ -180,7 +206,7 @@ def ellipsoid(size_m: Triple, centre_m: Triple, surface: Surface, *, sides: int 
         ]
     last = (rows - 2) * sides
     faces.append(np.column_stack([here + last, np.full(sides, bottom), after + last]))
-    return of(corners, np.concatenate(faces), surface)
+    return np.concatenate([ring, [[0, 0, 1], [0, 0, -1]]]), np.concatenate(faces)
 
 
 def sheet(corner_m: Array, surface: Surface) -> Mesh:
