@@ -154,9 +154,13 @@ def _colours(caster: Caster, rays: Rays, hits: Hits, weather: Weather) -> Array:
     back = way - 2 * np.einsum("ni,ni->n", way, normal)[:, None] * normal
     share = MIRROR * gloss[hits.surface[mirrors], None] * (back[:, 2:] > 0)
     shown[mirrors] += share * (_sky(back, weather) - shown[mirrors])
-    clear = np.exp(-hits.range_m / np.float32(weather.visibility_m))[:, None]
     hazy = weather.sky_rgb[0].astype(np.float32)
-    return np.where(hits.surface[:, None] == NOTHING, _sky(rays.way, weather), hazy + clear * (shown - hazy))
+    shown -= hazy
+    shown *= np.exp(-hits.range_m / np.float32(weather.visibility_m))[:, None]
+    shown += hazy
+    sky = np.flatnonzero(hits.surface == NOTHING)
+    shown[sky] = _sky(rays.way[sky], weather)
+    return shown
 
 
 def _light(caster: Caster, rays: Rays, hits: Hits, weather: Weather) -> Array:

@@ -8,6 +8,8 @@ import numpy as np
 
 from upvl_cli.types import Array
 
+OVERCAST = 0.9  # with more clouds than this no shadow is seen
+
 
 @dataclass(frozen=True)
 class Weather:
@@ -47,7 +49,7 @@ def weather(rng: np.random.Generator, *, light: float, haze: float) -> Weather:
     grey = np.array([[204.0, 208.0, 212.0], [168.0, 174.0, 182.0]])
     return Weather(
         sun=sun,
-        sun_share=0.62 * (1 - cloudy),
+        sun_share=0.62 * (1 - cloudy) if cloudy < OVERCAST else 0.0,
         sky_rgb=clear + cloudy * (grey - clear),
         visibility_m=float(np.exp(rng.uniform(np.log(250), np.log(2500)))) / max(haze, 1e-3),
         exposure=float(np.exp(light * rng.uniform(-0.16, 0.18))),
