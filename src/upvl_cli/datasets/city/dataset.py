@@ -27,6 +27,7 @@ class City:
                 hint = f"; did you mean {close[0]!r}?" if close else f"; they are {', '.join(KINDS)}"
                 raise BadSetting(f"synthetic.toml: held_out has {name!r}, which is no kind of object{hint}")
         self.settings = settings
+        self._last: CityDrive | None = None
 
     @property
     def segments(self) -> tuple[str, ...]:
@@ -35,7 +36,7 @@ class City:
         return tuple(sorted(f"{split}-{number:03d}" for split in SPLITS for number in range(counts[split])))
 
     def open(self, segment: str) -> CityDrive:
-        """Return the drive of that name.
+        """Return the drive of that name; the last one is kept.
 
         Raises:
             BadInput: There is no such segment.
@@ -44,10 +45,12 @@ class City:
             raise BadInput(
                 f"the synthetic dataset has no segment {segment!r}; it has {', '.join(self.segments)}"
             )
-        split, _, number = segment.rpartition("-")
-        return CityDrive(
-            name=segment,
-            seed=(self.settings.seed, SPLITS.index(split), int(number)),
-            without=self.settings.held_out if split == "train" else (),
-            settings=self.settings,
-        )
+        if self._last is None or self._last.name != segment:  # a city takes seconds to build
+            split, _, number = segment.rpartition("-")
+            self._last = CityDrive(
+                name=segment,
+                seed=(self.settings.seed, SPLITS.index(split), int(number)),
+                without=self.settings.held_out if split == "train" else (),
+                settings=self.settings,
+            )
+        return self._last
