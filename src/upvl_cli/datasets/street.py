@@ -1,4 +1,4 @@
-"""The built-in dataset: a made-up street, computed when it is asked for, the same for the same seed."""
+"""A made-up street, computed when it is asked for, the same for the same seed: the tests' quick world."""
 
 from __future__ import annotations
 

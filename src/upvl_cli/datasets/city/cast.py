@@ -120,8 +120,7 @@ class Caster:
         met, found = _ask(self._still, rays, reach_m)
         range_m, normal = np.where(met, found["tfar"], np.float32(np.inf)), found["Ng"]
         local = rays.start_m + np.where(met, range_m, np.float32(0))[:, None] * rays.way
-        face = np.where(met, found["primID"], 0)
-        surface, name, thing, part = (np.where(met, of[face], np.int32(NOTHING)) for of in self._still[1:])
+        surface, name, thing, part = (np.append(of, NOTHING)[found["primID"]] for of in self._still[1:])
         for number, near in self._near(rays, reach_m):
             for triangles, placed, turn, here in self._brought(number, rays.chosen(near)):
                 met, found = _ask(triangles, here, reach_m)

@@ -22,6 +22,7 @@ from upvl_cli.types import Floats
 FIRST_S = -1.0  # time of the first sample
 ACCELERATION, BRAKING = 1.4, 2.2  # m/s2, comfortable
 GAP_M, HEADWAY_S = 2.2, 1.2
+LEAST_GAP_M = 0.3
 LEAST_ACCELERATION = -6.0
 STOP_LINE_M = 7.5  # before the side street, and so before the crosswalk
 EGO_LENGTH_M = 4.8
@@ -85,9 +86,10 @@ def follow(lane: Sequence[Driver], stop_m: float, samples: int) -> Floats:
         wanted = np.where(along > turn, np.minimum(wish, TURN_MPS), wish)
         change = ACCELERATION * (1 - (speed / wanted) ** 4 - (desired / gap) ** 2)
         change = np.clip(change, LEAST_ACCELERATION, ACCELERATION)
-        later = np.maximum(speed + change / SAMPLE_HZ, 0)
-        along = along + (speed + later) / 2 / SAMPLE_HZ
-        speed = later
+        # Nobody drives into who is in front, however late he saw him.
+        room = np.maximum(gap - LEAST_GAP_M, 0) * SAMPLE_HZ
+        speed = np.clip(speed + change / SAMPLE_HZ, 0, room)
+        along = along + speed / SAMPLE_HZ
     return out
 
 
