@@ -22,7 +22,7 @@ ALLOWED = {
     "algorithms": BASE | {"algorithms", "geometry"},
     "metrics": BASE | {"metrics", "geometry"},
     "drawing": BASE | {"drawing", "geometry"},
-    "datasets": BASE | {"datasets", "geometry"},
+    "datasets": BASE | {"datasets", "geometry", "stage"},
     "stages": BASE | {"algorithms", "metrics", "geometry", "stage", "inputs", "rows", "parallel", "stages"},
     "evaluation": BASE
     | {

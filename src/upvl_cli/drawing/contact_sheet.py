@@ -87,7 +87,7 @@ def _legend(
     left, top = corner
     font = ImageFont.load_default(13)
     x, y = left, top
-    for number in np.flatnonzero(pixels + points):
+    for number in np.flatnonzero(pixels + points).tolist():
         colour = tuple(int(value) for value in palette[number])
         draw.rectangle((x, y + 3, x + 11, y + 13), fill=colour)
         draw.text(

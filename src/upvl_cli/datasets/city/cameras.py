@@ -145,8 +145,8 @@ def _colours(caster: Caster, rays: Rays, hits: Hits, weather: Weather) -> Array:
     shown = rgb[hits.surface]
     of = texture[hits.surface]
     for number, name in enumerate(TEXTURES):
-        mine = np.flatnonzero(of == number) if name != "plain" else []
-        if len(mine):
+        mine = np.flatnonzero(of == number)
+        if name != "plain" and len(mine):
             shown[mine] *= brightness(name, hits.local_m[mine], hits.normal[mine])[:, None].astype(np.float32)
     shown *= _light(caster, rays, hits, weather)[:, None]
     mirrors = np.flatnonzero(gloss[hits.surface] > 0)
@@ -167,13 +167,15 @@ def _light(caster: Caster, rays: Rays, hits: Hits, weather: Weather) -> Array:
     """(n,) float32, how much light each place gets from the sun and the sky."""
     sun = weather.sun.astype(np.float32)
     facing = np.maximum(hits.normal @ sun, 0)
-    lit = np.flatnonzero((facing > 0) & (hits.surface != NOTHING)) if weather.sun_share > 0 else []
-    if len(lit):
+    lit = np.flatnonzero((facing > 0) & (hits.surface != NOTHING))
+    if weather.sun_share > 0:
         at = rays.start_m[lit] + hits.range_m[lit, None] * rays.way[lit] + OFF_M * hits.normal[lit]
         to_sun = Rays(at, np.broadcast_to(sun, at.shape), rays.moment[lit], rays.moments_s)
         facing[lit[caster.shaded(to_sun, reach_m=SHADOW_M)]] = 0
     # The sky lights what looks up more than what looks down.
-    from_sky = np.float32(1 - weather.sun_share) * (np.float32(0.7) + np.float32(0.3) * hits.normal[:, 2])
+    from_sky = np.float32(1 - 0.75 * weather.sun_share) * (
+        np.float32(0.7) + np.float32(0.3) * hits.normal[:, 2]
+    )
     return np.asarray(from_sky + np.float32(1.35 * weather.sun_share) * facing)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from types import MappingProxyType
 
@@ -24,6 +24,7 @@ from upvl_cli.types import Array, Camera, Floats, Frame, Image, ParallelArrays, 
 
 RATE_HZ = 10
 FIRST_NS = 10**9  # no time is negative, not even of what is seen before the first frame
+KEPT_SWEEPS = 64  # 4 MB each: the stages of one run read them again
 _SWEEP, _PICTURE, _WEATHER = 10, 11, 12
 
 
@@ -77,6 +78,7 @@ class CityDrive:
         self._seed = tuple(seed)
         self._without = tuple(without)
         self._settings = settings
+        self._kept = lru_cache(maxsize=KEPT_SWEEPS)(lambda frame: self._sweep(frame)[0])
         self._building = threading.Lock()
         self._built: Caster | None = None
 
@@ -116,7 +118,7 @@ class CityDrive:
 
     def points(self, frame: int) -> Points:
         """Return the sweep of the frame of that index, motion-compensated to its time."""
-        return self._sweep(frame)[0]
+        return self._kept(frame)
 
     def points_with_truth(self, frame: int) -> tuple[Points, PointTruth]:
         """Return a sweep and what is true of its points; the truth is for evaluation only."""

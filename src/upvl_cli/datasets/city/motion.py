@@ -29,7 +29,7 @@ class Placed(NamedTuple):
 
     def world(self, local_m: Array) -> Floats:
         """(n, 3) world places of one local place at each time."""
-        return self.outward(local_m) + self.place_m.astype(local_m.dtype)
+        return np.asarray(self.outward(local_m) + self.place_m.astype(local_m.dtype))
 
     def local(self, world_m: Array) -> Floats:
         """(n, 3) the inverse of `world`."""
