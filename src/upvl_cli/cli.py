@@ -44,7 +44,8 @@ def run(arguments: Sequence[str]) -> int:
         context = getattr(error, "ctx", None)
         path = context.command_path if context else "upvl"
         message = getattr(error, "format_message", error.__str__)()
-        print(f"upvl: {' '.join(message.split())} (see: {path} --help)", file=sys.stderr)
+        if message.strip():  # without a sub-command the help says all there is to say
+            print(f"upvl: {' '.join(message.split())} (see: {path} --help)", file=sys.stderr)
     return 2
 
 

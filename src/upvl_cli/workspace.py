@@ -81,8 +81,9 @@ class Workspace:
             self.check_name(name, known)
         chosen = tuple(dict.fromkeys(self.raw.segments)) or known
         if not chosen:
+            asked = self.raw.dataset if self.raw.dataset in SETTINGS else "raw"
             raise BadInput(
-                f"no drive of dataset {self.raw.dataset!r} under {self.raw.root!r}; see stages/raw.toml"
+                f"no drive of dataset {self.raw.dataset!r} under {self.raw.root!r}; see stages/{asked}.toml"
             )
         for name in chosen:
             if not SAFE_NAME.fullmatch(name):

@@ -77,13 +77,15 @@ def _sightings(inputs: Inputs, step: Array, track_id: Array) -> Iterator[tuple[A
     from upvl_cli.algorithms.amodal import Sightings
     from upvl_cli.geometry.boxes import transform
     from upvl_cli.geometry.se3 import apply
+    from upvl_cli.parallel import in_order
 
     rows, poses = list(inputs.table("track")), inputs.table("odometry")
     grounds, proposals = inputs.table("ground"), inputs.table("propose")
     xyz_m, height_m, seven, velocity_mps, sensor_xy_m = [], [], [], [], []
-    for row in rows:
+    drive = inputs.drive
+    sweeps = in_order(lambda row: drive.points(row.frame).xyz_ego_m, rows)
+    for row, xyz_ego_m in zip(rows, sweeps, strict=True):
         pose = poses[row.frame].world_from_ego
-        xyz_ego_m = inputs.drive.points(row.frame).xyz_ego_m
         height, box_of_point = grounds[row.frame].height_m, proposals[row.frame].box_of_point
         for proposal in row.proposal:
             # A coasting box has proposal -1, which no point may be taken to belong to.

@@ -71,6 +71,7 @@ def run(inputs: Inputs, params: FlowParams) -> Iterator[FlowRow]:
 def _pairs(inputs: Inputs) -> Iterator[SweepPair]:
     """Each sweep with the next one; the last with the one before, so that its motion is that way back, turned."""
     from upvl_cli.geometry.se3 import apply, inverse
+    from upvl_cli.parallel import in_order
 
     poses, ground = list(inputs.table("odometry")), inputs.table("ground")
 
@@ -80,11 +81,12 @@ def _pairs(inputs: Inputs) -> Iterator[SweepPair]:
 
     if not poses:
         return
-    before = here = sweep(0)
+    sweeps = in_order(sweep, range(len(poses)))
+    before = here = next(sweeps)
     for step, pose in enumerate(poses):
         last = step + 1 == len(poses)
         other = max(step - 1, 0) if last else step + 1
-        after = before if last else sweep(other)
+        after = before if last else next(sweeps)
         (xyz_ego_m, is_above), (other_xyz_m, other_is_above) = here, after
         ego_from_other = inverse(pose.world_from_ego) @ poses[other].world_from_ego
         yield SweepPair(
