@@ -19,6 +19,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from upvl_cli.datasets.city.cast import Caster, Rays
 from upvl_cli.datasets.city.dataset import City
@@ -49,7 +50,8 @@ def made(settings: CityParams) -> tuple[str, float, float]:
     """Digest of a drive, seconds to make it, mean points of a sweep."""
     started = time.perf_counter()
     drive = City(settings).open("train-000")
-    frames = list(in_order(lambda frame: frame_digest(drive, frame.index), drive.frames))
+    with threadpool_limits(1):  # as `upvl` runs: threads over frames, and none below them
+        frames = list(in_order(lambda frame: frame_digest(drive, frame.index), drive.frames))
     seconds = time.perf_counter() - started
     digest = hashlib.sha256(b"".join(part for part, _ in frames)).hexdigest()[:16]
     return digest, seconds, float(np.mean([count for _, count in frames]))
