@@ -1,6 +1,6 @@
 """Time and memory to make a whole drive of the built-in city: all sweeps and all pictures.
 
-    python bench/city.py [--frames 40] [--twice]
+    python bench/city.py [--frames 40] [--seed 0] [--twice]
 
 Prints seconds, points a sweep, peak memory and a digest of all bytes; with --twice it makes the drive
 again and compares. Beside it stands a plain reference of the same run: a million coherent rays against
@@ -76,9 +76,12 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--frames", type=int, default=40)
+    parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--twice", action="store_true", help="make it again and compare the bytes")
     arguments = parser.parse_args()
-    settings = replace(CityParams(**tomllib.loads(SETTINGS.read_text())), frames=arguments.frames)
+    settings = replace(
+        CityParams(**tomllib.loads(SETTINGS.read_text())), frames=arguments.frames, seed=arguments.seed
+    )
     digest, seconds, points = made(settings)
     peak_mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     reference_s = plain_s(settings)

@@ -26,6 +26,8 @@ Segments = Annotated[
     list[str] | None,
     typer.Option("--segment", "-s", help="Only this drive; can be given again.", metavar="NAME"),
 ]
+OneSegment = Annotated[str | None, typer.Argument(help="The drive; all of them when left out.")]
+OneFrame = Annotated[int | None, typer.Option(help="The frame; the middle one when left out.")]
 Workers = Annotated[int, typer.Option(min=1, help="Processes that share the drives between them.")]
 
 
@@ -200,8 +202,8 @@ def init(folder: Annotated[Path, typer.Argument(help="Folder of the new workspac
 @app.command()
 def draw(
     context: typer.Context,
-    segment: Annotated[str | None, typer.Argument(help="The drive; all of them when left out.")] = None,
-    frame: Annotated[int | None, typer.Option(help="The frame; the middle one when left out.")] = None,
+    segment: OneSegment = None,
+    frame: OneFrame = None,
 ) -> None:
     """Draw points, boxes and tracks from above, and boxes on the camera's picture."""
     from upvl_cli.look import draw_frame
@@ -220,8 +222,8 @@ app.add_typer(synth, name="synth")
 @synth.command("preview")
 def synth_preview(
     context: typer.Context,
-    segment: Annotated[str | None, typer.Argument(help="The drive; all of them when left out.")] = None,
-    frame: Annotated[int | None, typer.Option(help="The frame; the middle one when left out.")] = None,
+    segment: OneSegment = None,
+    frame: OneFrame = None,
 ) -> None:
     """Draw a contact sheet: the cameras, what each pixel is, and the sweep from above."""
     from upvl_cli.preview import preview

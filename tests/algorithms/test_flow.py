@@ -22,7 +22,7 @@ NOISE_M = 0.01
 
 
 LINES = pytest.mark.xfail(
-    reason="the lines of one scan lie between those of the next: it seems to rise", strict=False
+    reason="the lines of one scan lie between those of the next: it seems to rise", strict=True
 )
 
 

@@ -122,7 +122,10 @@ def test_flow_knows_the_classes_of_its_points() -> None:
     names = np.array(drive().scene.names)[truth.name]
     assert (flow.flow_class[np.isin(names, GROUND_NAMES)] == -1).all()
     assert (flow.flow_class[names == "building"] == 0).all()
-    assert (flow.flow_class[names == "sedan"] == 1).all()
+    for kind in ("sedan", "hatchback", "suv"):
+        assert (names == kind).any()
+        assert (flow.flow_class[names == kind] == 1).all()
+    assert (flow.flow_class[names == "articulated truck"] == 2).all()
     assert np.array_equal(flow.velocity_mps, truth.velocity_mps)
 
 

@@ -7,14 +7,14 @@ import numpy as np
 from upvl_cli.datasets.city.dataset import City
 from upvl_cli.datasets.city.drive import RATE_HZ, CityDrive
 from upvl_cli.datasets.city.kind import CYCLIST, OTHER, PEDESTRIAN, VEHICLE, Kind
+from upvl_cli.datasets.city.kinds import CARS
 from upvl_cli.datasets.city.piece import STUFF
+from upvl_cli.datasets.exact_labels import FrameBoxes, exact_labels
 from upvl_cli.datasets.flow_truth import FlowTruth
 from upvl_cli.geometry.boxes import pairs_inside, transform
 from upvl_cli.geometry.se3 import inverse
-from upvl_cli.types import Array, Bools, Floats, Ints, Labels
+from upvl_cli.types import Array, Bools, Ints, Labels
 
-HARD_POINTS = 5  # Waymo's rule: a box with so few points is of difficulty 2
-CARS = ("sedan", "SUV", "pickup", "van", "police car", "taxi")
 GROUND_NAMES = ("road", "lane marking", "crosswalk", "kerb", "pavement", "grass")
 
 
@@ -32,18 +32,9 @@ class CityLabels:
             [n for n, thing in enumerate(drive.scene.things) if is_labelled(thing.kind)], dtype=np.int64
         )
         frames = [boxes(drive, frame.index, things) for frame in drive.frames]
-        seen = np.any([met for _, _, _, met in frames], axis=0)
-        seven, velocity_mps, points = (np.concatenate([each[k][seen] for each in frames]) for k in range(3))
-        kinds = [drive.scene.things[thing].kind for thing in things[seen]]
-        return Labels(
-            frame=np.repeat([frame.index for frame in drive.frames], len(kinds)),
-            seven=seven,
-            object_id=np.tile(things[seen], len(frames)),
-            kind=np.tile([kind.name for kind in kinds], len(frames)),
-            type=np.tile([kind.type for kind in kinds], len(frames)),
-            velocity_mps=velocity_mps,
-            points=points,
-            difficulty=np.where(points > HARD_POINTS, 1, 2),
+        kinds = [drive.scene.things[thing].kind for thing in things]
+        return exact_labels(
+            drive.frames, frames, things, [kind.name for kind in kinds], [kind.type for kind in kinds]
         )
 
     def frames(self, segment: str) -> Ints:
@@ -89,7 +80,7 @@ def flow_class(kind: Kind) -> int:
     return {PEDESTRIAN: 3, CYCLIST: 4}.get(kind.type, 0)
 
 
-def boxes(drive: CityDrive, frame: int, things: Ints) -> tuple[Floats, Floats, Ints, Bools]:
+def boxes(drive: CityDrive, frame: int, things: Ints) -> FrameBoxes:
     """Return the boxes of things in one frame, their velocities, points inside, and which gave points."""
     points, truth = drive.points_with_truth(frame)
     seven, velocity = np.zeros((len(things), 7)), np.zeros((len(things), 3))
@@ -106,4 +97,4 @@ def boxes(drive: CityDrive, frame: int, things: Ints) -> tuple[Floats, Floats, I
     seven = transform(seven, inverse(pose))
     box, _ = pairs_inside(points.xyz_ego_m, seven, margin_m=0.0)
     count = np.bincount(box, minlength=len(things))
-    return seven, velocity @ pose[:3, :3], count, np.isin(things, truth.thing)
+    return FrameBoxes(seven, velocity @ pose[:3, :3], count, np.isin(things, truth.thing))

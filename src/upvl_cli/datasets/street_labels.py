@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from upvl_cli.datasets.exact_labels import FrameBoxes, exact_labels
 from upvl_cli.datasets.street import RATE_HZ, StreetDrive, Streets
 from upvl_cli.geometry.boxes import pairs_inside, transform
 from upvl_cli.geometry.se3 import inverse, yaw_of
@@ -11,7 +12,6 @@ from upvl_cli.types import Array, Bools, Ints, Labels
 
 # Waymo's numbers.
 TYPES = {"Car": 1, "Truck": 1, "Bus": 1, "Pedestrian": 2, "Cyclist": 4}
-HARD_POINTS = 5  # Waymo's rule: a box with so few points is of difficulty 2
 
 
 class StreetLabels:
@@ -30,19 +30,8 @@ class StreetLabels:
         drive = self._dataset.open(segment)
         things = np.array([number for number, thing in enumerate(drive.scene.things) if thing.kind])
         frames = [_boxes(drive, frame.index, things) for frame in drive.frames]
-        seen = np.any([met for _, _, _, met in frames], axis=0)
-        seven, velocity_mps, points = (np.concatenate([each[k][seen] for each in frames]) for k in range(3))
-        kinds = np.array([drive.scene.things[thing].kind for thing in things[seen]])
-        return Labels(
-            frame=np.repeat([frame.index for frame in drive.frames], len(kinds)),
-            seven=seven,
-            object_id=np.tile(things[seen], len(frames)),
-            kind=np.tile(kinds, len(frames)),
-            type=np.tile([TYPES[kind] for kind in kinds], len(frames)),
-            velocity_mps=velocity_mps,
-            points=points,
-            difficulty=np.where(points > HARD_POINTS, 1, 2),
-        )
+        kinds = [drive.scene.things[thing].kind for thing in things]
+        return exact_labels(drive.frames, frames, things, kinds, [TYPES[kind] for kind in kinds])
 
     def frames(self, segment: str) -> Ints:
         """Return all frames: each is labelled."""
@@ -58,7 +47,7 @@ class StreetLabels:
         return np.ones(len(xyz_ego_m), dtype=np.bool_)
 
 
-def _boxes(drive: StreetDrive, frame: int, things: Ints) -> tuple[Array, Array, Array, Bools]:
+def _boxes(drive: StreetDrive, frame: int, things: Ints) -> FrameBoxes:
     """Return the boxes of things in one frame, their velocities, points inside, and which gave points."""
     points, truth = drive.points_with_truth(frame)
     chosen = [drive.scene.things[thing] for thing in things]
@@ -73,4 +62,5 @@ def _boxes(drive: StreetDrive, frame: int, things: Ints) -> tuple[Array, Array, 
     seven = transform(world, inverse(pose))
     velocity_mps = (later - now)[:, :3, 3] @ pose[:3, :3] * RATE_HZ
     box, _ = pairs_inside(points.xyz_ego_m, seven, margin_m=0.0)
-    return seven, velocity_mps, np.bincount(box, minlength=len(things)), np.isin(things, truth.object_index)
+    count = np.bincount(box, minlength=len(things))
+    return FrameBoxes(seven, velocity_mps, count, np.isin(things, truth.object_index))

@@ -66,14 +66,6 @@ def pixel_rays(caster: Caster, seen_by: Camera, time_s: float, rolling_s: float)
     """
     order, _ = tiles(seen_by.width_px, seen_by.height_px)
     way, mount = _ways(seen_by.name), seen_by.ego_from_camera[:3, 3]
-    if rolling_s == 0:
-        ego, row, moments_s = (
-            caster.scene.ego.at(np.array([time_s])),
-            np.zeros_like(order),
-            np.array([time_s]),
-        )
-        starts = np.broadcast_to(ego.world(mount[None]).astype(np.float32), way.shape)
-        return Rays(starts, ego.outward(way).astype(np.float32), row, moments_s)
     row = order // seen_by.width_px
     moments_s = time_s + rolling_s * (np.arange(seen_by.height_px) / (seen_by.height_px - 1) - 0.5)
     ego = caster.scene.ego.at(moments_s).chosen(row)

@@ -70,7 +70,7 @@ class Hits(ParallelArrays):
 
 
 class _Triangles(NamedTuple):
-    """A mesh that can be asked, and what each of its faces is, as in `Hits`."""
+    """A mesh that can be asked, and what each of its faces is, as in `Hits`; the last entry is for no face."""
 
     scene: EmbreeScene
     surface: Ints
@@ -95,7 +95,8 @@ class Caster:
             name, thing, part = np.array([owner for _, *owner in owned], dtype=np.int32).reshape(-1, 3).T
             found = EmbreeScene()
             TriangleMesh(found, mesh.corner_m.astype(np.float32), mesh.face.astype(np.int32))
-            return _Triangles(found, surface, *(np.repeat(of, faces) for of in (name, thing, part)))
+            of_face = (surface, *(np.repeat(of, faces) for of in (name, thing, part)))
+            return _Triangles(found, *(np.append(of, np.int32(NOTHING)) for of in of_face))
 
         still = [(piece.mesh, STUFF_NAMES.index(piece.name), NOTHING, NOTHING) for piece in scene.pieces]
         self._movers: dict[int, list[_Triangles]] = {}
@@ -120,7 +121,7 @@ class Caster:
         met, found = _ask(self._still, rays, reach_m)
         range_m, normal = np.where(met, found["tfar"], np.float32(np.inf)), found["Ng"]
         local = rays.start_m + np.where(met, range_m, np.float32(0))[:, None] * rays.way
-        surface, name, thing, part = (np.append(of, NOTHING)[found["primID"]] for of in self._still[1:])
+        surface, name, thing, part = (of[found["primID"]] for of in self._still[1:])
         for number, near in self._near(rays, reach_m):
             for triangles, placed, turn, here in self._brought(number, rays.chosen(near)):
                 met, found = _ask(triangles, here, reach_m)

@@ -84,7 +84,7 @@ class CityDrive:
 
     @cached_property
     def scene(self) -> Scene:
-        """The city and all that moves in it; for evaluation and training of what is to be shown only."""
+        """The city and all that moves in it; the truth, so for evaluation only."""
         return build(
             self._seed,
             without=self._without,

@@ -15,7 +15,6 @@ from upvl_cli.datasets.city.surface import DARK, GLASS, RUBBER, STEEL, Rgb, Surf
 _ORANGE = Surface((244, 92, 20), 0.5)
 _WHITE_FOIL = Surface((242, 242, 240), 0.95, 0.0)
 _RED_FOIL = Surface((206, 22, 30), 0.85, 0.0)
-_YELLOW_FOIL = Surface((250, 196, 20), 0.9, 0.0)
 _BLUE_FOIL = Surface((24, 74, 176), 0.8, 0.0)
 _CAST_IRON = Surface((52, 56, 60), 0.25)
 _SLATS = Surface((138, 96, 58), 0.35)
