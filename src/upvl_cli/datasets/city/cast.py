@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore import EmbreeDevice
 from embreex.rtcore_scene import EmbreeScene
 
 from upvl_cli.datasets.city.mesh import Mesh, Triple, joined
@@ -24,6 +25,8 @@ from upvl_cli.types import Array, Bools, Floats, Ints, ParallelArrays, array
 NOTHING = -1
 _BLOCK = 256  # rays that are looked at together first
 _CLEAR_M = 1e-3  # a shadow ray starts this far off its surface
+# One for all meshes: with one each, a process that made many cities ran out of them and fell.
+_DEVICE = EmbreeDevice()
 
 
 class Rays(NamedTuple):
@@ -93,7 +96,7 @@ class Caster:
             surface = np.array([number[one] for one in mesh.surfaces], dtype=np.int32)[mesh.surface]
             faces = np.array([len(mesh.face) for mesh, *_ in owned], dtype=np.int64)
             name, thing, part = np.array([owner for _, *owner in owned], dtype=np.int32).reshape(-1, 3).T
-            found = EmbreeScene()
+            found = EmbreeScene(_DEVICE)
             TriangleMesh(found, mesh.corner_m.astype(np.float32), mesh.face.astype(np.int32))
             of_face = (surface, *(np.repeat(of, faces) for of in (name, thing, part)))
             return _Triangles(found, *(np.append(of, np.int32(NOTHING)) for of in of_face))

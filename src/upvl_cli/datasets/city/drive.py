@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 
@@ -78,7 +78,7 @@ class CityDrive:
         self._seed = tuple(seed)
         self._without = tuple(without)
         self._settings = settings
-        self._kept = lru_cache(maxsize=KEPT_SWEEPS)(lambda frame: self._sweep(frame)[0])
+        self._kept: dict[int, Points] = {}
         self._building = threading.Lock()
         self._built: Caster | None = None
 
@@ -118,7 +118,12 @@ class CityDrive:
 
     def points(self, frame: int) -> Points:
         """Return the sweep of the frame of that index, motion-compensated to its time."""
-        return self._kept(frame)
+        kept = self._kept.get(frame)
+        if kept is None:
+            kept = self._kept[frame] = self._sweep(frame)[0]
+            while len(self._kept) > KEPT_SWEEPS:
+                self._kept.pop(next(iter(self._kept)), None)
+        return kept
 
     def points_with_truth(self, frame: int) -> tuple[Points, PointTruth]:
         """Return a sweep and what is true of its points; the truth is for evaluation only."""
