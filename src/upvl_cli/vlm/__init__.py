@@ -1,0 +1,1 @@
+"""Vision-language models: pictures and words in one space."""

