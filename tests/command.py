@@ -15,6 +15,12 @@ def make_workspace(folder: Path, **values: str) -> Path:
     """A workspace with the settings that ship, on the quickest drive, but for `stage__key="value as TOML"`."""
     shutil.copytree(ROOT / "stages", folder / "stages")
     set_value(folder, "raw", "dataset", '"street"')
+    # Motion alone, as most tests have it: no network to load.
+    for preset in sorted((folder / "stages" / "presets" / "moving-only").glob("*.toml")):
+        for line in preset.read_text().splitlines():
+            if not line.startswith("#"):
+                key, _, value = line.partition(" = ")
+                set_value(folder, preset.stem, key, value)
     for name, value in values.items():
         stage, key = name.split("__")
         set_value(folder, stage, key, value)

@@ -26,6 +26,7 @@ Segments = Annotated[
     list[str] | None,
     typer.Option("--segment", "-s", help="Only this drive; can be given again.", metavar="NAME"),
 ]
+MOVING_ONLY = "moving-only"  # the preset of those labels
 OneSegment = Annotated[str | None, typer.Argument(help="The drive; all of them when left out.")]
 OneFrame = Annotated[int | None, typer.Option(help="The frame; the middle one when left out.")]
 Workers = Annotated[int, typer.Option(min=1, help="Processes that share the drives between them.")]
@@ -66,12 +67,19 @@ def workspace_options(
 def _stage_command(stage: Stage) -> Callable[..., None]:
     """A command whose options are the settings of a stage."""
 
-    def command(context: typer.Context, segment: list[str] | None, workers: int, **values: Any) -> None:
+    def command(
+        context: typer.Context, segment: list[str] | None = None, workers: int = 1, **values: Any
+    ) -> None:
         overrides = {name: value for name, value in values.items() if value is not None}
         label(context.obj, [stage], segment, workers=workers, overrides=overrides)
 
-    fixed = [("context", typer.Context, None), ("segment", Segments, None), ("workers", Workers, 1)]
-    options = [(name, kind | None, _option(spec)) for name, (kind, spec) in params_of(stage.params).items()]
+    fixed: list[tuple[str, Any, Any]] = [("context", typer.Context, None)]
+    if not stage.whole:
+        fixed += [("segment", Segments, None), ("workers", Workers, 1)]
+    options = [
+        (name, (list[str] if kind == tuple[str, ...] else kind) | None, _option(spec))
+        for name, (kind, spec) in params_of(stage.params).items()
+    ]
     parameters = [
         inspect.Parameter(
             name,
@@ -110,11 +118,12 @@ def autolabel(
     """Label the drives: all stages in order, then a summary."""
     if moving_only is None:
         raise BadSetting("say which objects to label: upvl autolabel --moving-only, or --all-motion")
-    if not moving_only:
-        raise BadSetting(
-            "--all-motion needs vision-language features to tell parked objects from background, and there is no "
-            "extract-vl stage yet; label moving objects with: upvl autolabel --moving-only"
-        )
+    from upvl_cli.sweep import checked_preset, remember
+
+    given: Workspace = context.obj
+    preset = checked_preset(given.stages, MOVING_ONLY) if moving_only else ""
+    context.obj = Workspace(given.stages, given.out, preset)
+    remember(context.obj)
     label(context.obj, STAGES, segment, workers=workers, overrides={})
     summary(context)
 
@@ -134,7 +143,7 @@ def label(
     chosen = segments or list(workspace.segments)
     for name in chosen:
         workspace.check_name(name, workspace.segments)
-    with Progress(len(chosen) * len(stages)) as progress:
+    with Progress(sum(1 if stage.whole else len(chosen) for stage in stages)) as progress:
         for made in run_all(
             workspace, stages, chosen, overrides=overrides, workers=workers, tick=progress.tick
         ):
@@ -281,10 +290,14 @@ def tables(context: typer.Context) -> None:
     from upvl_cli.evaluation import paper_tables
     from upvl_cli.progress import Progress
 
-    shards = len(STAGES) * len(context.obj.segments) * len(paper_tables.presets(context.obj))
+    from upvl_cli.sweep import remember
+
+    workspace = Workspace(context.obj.stages, context.obj.out, "")
+    remember(workspace)
+    shards = len(STAGES) * len(workspace.segments) * len(paper_tables.presets(workspace))
     with Progress(shards) as progress:
-        filled = list(paper_tables.fill(context.obj, progress))
-    path = paper_tables.write(context.obj, filled)
+        filled = list(paper_tables.fill(workspace, progress))
+    path = paper_tables.write(workspace, filled)
     for table, rows in filled:
         Console().print(paper_tables.shown(table, rows), "", highlight=False)
     print(path)

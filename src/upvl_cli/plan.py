@@ -10,7 +10,7 @@ from upvl_cli.evaluation.params import EvalParams
 from upvl_cli.settings import load
 from upvl_cli.stage import Stage, columns_of, params_of
 from upvl_cli.stages import STAGES
-from upvl_cli.workspace import RawParams, Workspace, write_if_changed
+from upvl_cli.workspace import WHOLE, RawParams, VlmParams, Workspace, write_if_changed
 
 
 def plan(workspace: Workspace) -> Path:
@@ -20,6 +20,7 @@ def plan(workspace: Workspace) -> Path:
     """
     for segment in workspace.segments:
         workspace.mark_raw(segment)
+    workspace.mark_model()
     for stage in STAGES:
         write_if_changed(workspace.out / f"{stage.name}.stamp", workspace.stage_stamp(stage))
     path = workspace.out / "rules.mk"
@@ -35,19 +36,35 @@ def rules(stages: Sequence[Stage], segments: Sequence[str]) -> str:
         segments: Names that are safe as words of make.
     """
     lines = ["# Made by: upvl plan", f"SEGMENTS := {' '.join(segments)}", ""]
+    whole = {stage.name for stage in stages if stage.whole}
     for stage in stages:
-        sources = [f"$(OUT)/{name}/%.{'stamp' if name == 'raw' else 'parquet'}" for name in stage.reads]
-        lines += [
-            f".PHONY: {stage.name}",
-            f"{stage.name}: $(SEGMENTS:%=$(OUT)/{stage.name}/%.parquet)",
-            f"$(OUT)/{stage.name}/%.parquet: $(OUT)/{stage.name}.stamp {' '.join(sources)}",
-            f"\t@$(UPVL) {stage.name} --segment $*",
-            "",
-        ]
+        lines += [f".PHONY: {stage.name}", *_rule(stage, whole), ""]
     # Shards of middle stages are what a resumed run starts from: make must delete none, nor any on Ctrl-C.
     shards = " ".join(f"$(OUT)/{stage.name}/%.parquet" for stage in stages)
     lines += [".PHONY: labels", f"labels: {stages[-1].name}", ".SECONDARY:", f".PRECIOUS: {shards}", ""]
     return "\n".join(lines)
+
+
+def _rule(stage: Stage, whole: set[str]) -> list[str]:
+    """The rule of one stage; `whole` names those that are made once for all drives."""
+
+    def source(name: str) -> str:
+        if name == "vlm":
+            return "$(OUT)/vlm.stamp"
+        if name in whole:
+            return f"$(OUT)/{name}/{WHOLE}.parquet"
+        of_drive = f"$(OUT)/{name}/%.{'stamp' if name == 'raw' else 'parquet'}"
+        return f"$(SEGMENTS:%={of_drive})" if stage.whole else of_drive
+
+    made_from = " ".join([f"$(OUT)/{stage.name}.stamp", *map(source, stage.reads)])
+    if stage.whole:
+        shard = f"$(OUT)/{stage.name}/{WHOLE}.parquet"
+        return [f"{stage.name}: {shard}", f"{shard}: {made_from}", f"\t@$(UPVL) {stage.name}"]
+    return [
+        f"{stage.name}: $(SEGMENTS:%=$(OUT)/{stage.name}/%.parquet)",
+        f"$(OUT)/{stage.name}/%.parquet: {made_from}",
+        f"\t@$(UPVL) {stage.name} --segment $*",
+    ]
 
 
 def page(stages: Sequence[Stage], folder: Path) -> str:
@@ -63,6 +80,7 @@ def page(stages: Sequence[Stage], folder: Path) -> str:
         "Made by `make docs` from the declarations in `src/upvl_cli/stages/`; a test compares the two.",
         "",
         *_section("raw", "Names the drives.", (), RawParams, folder),
+        *_section("vlm", "Names the vision-language model.", (), VlmParams, folder),
         *_section("synthetic", "Makes the built-in drives, where `raw` names them.", (), CityParams, folder),
     ]
     for stage in stages:

@@ -13,17 +13,17 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import partial
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 from upvl_cli.errors import BadSetting, NotMade, UpvlError
 from upvl_cli.inputs import Inputs
 from upvl_cli.parallel import THREADS_VARIABLE, prepare_worker, threads
-from upvl_cli.settings import load
 from upvl_cli.stage import Row, Stage
 from upvl_cli.stages import BY_NAME
 from upvl_cli.tables import read_footer, write
-from upvl_cli.workspace import Workspace, difference, write_if_changed
+from upvl_cli.workspace import NO_STAGES, WHOLE, Workspace, difference, write_if_changed
 
 Tick = Callable[[], None]
 
@@ -66,7 +66,7 @@ def claim_folder(workspace: Workspace, stage: Stage, overrides: Mapping[str, Any
     Raises:
         BadSetting: The command line asks for other values than the folder holds.
     """
-    settings = load(stage.params, workspace.stages / f"{stage.name}.toml", overrides)
+    settings = workspace.with_values(stage, overrides)
     mark = workspace.out / f"{stage.name}.stamp"
     stamp = workspace.stage_stamp(stage, settings)
     held = mark.read_text(encoding="utf-8", errors="replace") if mark.is_file() else stamp
@@ -94,7 +94,7 @@ def make_shard(workspace: Workspace, stage: Stage, segment: str, settings: Any, 
     Raises:
         NotMade: An input is missing or was made with other settings.
     """
-    workspace.mark_raw(segment)
+    _mark_given(workspace, stage, segment)
     _check_inputs(workspace, stage, segment)
     path = workspace.shard(stage.name, segment)
 
@@ -136,7 +136,7 @@ def _fresh(workspace: Workspace, stage: Stage, segment: str) -> Made:
 
 def _not_older(path: Path, workspace: Workspace, stage: Stage, segment: str) -> None:
     """Give a fresh shard a time that make, which knows times only, takes for fresh, whatever the clocks say."""
-    sources = [workspace.shard(name, segment) for name in stage.reads]
+    sources = [source for _, source in workspace.sources(stage, segment)]
     sources.append(workspace.out / f"{stage.name}.stamp")
     newest_ns = max(source.stat().st_mtime_ns for source in sources if source.exists())
     if path.stat().st_mtime_ns < newest_ns:
@@ -154,14 +154,28 @@ def _checked(rows: Iterator[Row], segment: str, tick: Tick) -> Iterator[Row]:
         tick()
 
 
+def _mark_given(workspace: Workspace, stage: Stage, segment: str) -> None:
+    """Write the marks of what no stage makes."""
+    if "vlm" in stage.reads:
+        workspace.mark_model()
+    for drive in workspace.segments if stage.whole else (segment,):
+        try:
+            workspace.mark_raw(drive)
+        except UpvlError:
+            if not stage.whole:  # what is made of all drives is made of those that can be read
+                raise
+
+
 def _check_inputs(workspace: Workspace, stage: Stage, segment: str) -> None:
-    for name in stage.reads:
-        if name == "raw":
+    for source, path in workspace.sources(stage, segment):
+        name, _, drive = source.partition("/")
+        if name in NO_STAGES:
             continue
-        condition, reason = state(workspace, BY_NAME[name], segment)
+        maker = BY_NAME[name]
+        condition, reason = state(workspace, maker, WHOLE if maker.whole else drive or segment)
         if condition != "fresh":
             raise NotMade(
-                f"{stage.name} needs {workspace.shard(name, segment)}, which is {condition} ({reason}); "
+                f"{stage.name} needs {path}, which is {condition} ({reason}); "
                 f"run: upvl {name}, or: make {stage.name}"
             )
 
@@ -205,15 +219,21 @@ def run_all(
     """
     settings = {stage.name: claim_folder(workspace, stage, overrides) for stage in stages}
     failures: dict[str, UpvlError] = {}
-    if workers == 1 or len(segments) == 1:
-        for segment in segments:
-            try:
-                for stage in stages:
-                    yield make_shard(workspace, stage, segment, settings[stage.name], tick)
-            except UpvlError as error:
-                failures[segment] = error
-    else:
-        yield from _in_processes(workspace, stages, segments, settings, min(workers, len(segments)), failures)
+    for whole, group in groupby(stages, key=lambda stage: stage.whole):
+        some = list(group)
+        left = [WHOLE] if whole else [segment for segment in segments if segment not in failures]
+        if whole:
+            for stage in some:
+                yield make_shard(workspace, stage, WHOLE, settings[stage.name], tick)
+        elif workers == 1 or len(left) == 1:
+            for segment in left:
+                try:
+                    for stage in some:
+                        yield make_shard(workspace, stage, segment, settings[stage.name], tick)
+                except UpvlError as error:
+                    failures[segment] = error
+        elif left:
+            yield from _in_processes(workspace, some, left, settings, min(workers, len(left)), failures)
     _raise_failures(failures, len(segments))
 
 
@@ -236,7 +256,8 @@ def _in_processes(
 ) -> Iterator[Made]:
     names = [stage.name for stage in stages]
     cores = max(1, threads() // workers)
-    job = partial(_run_segment, workspace.stages, workspace.out, names, dict(settings), cores)
+    place = (workspace.stages, workspace.out, workspace.preset)
+    job = partial(_run_segment, place, names, dict(settings), cores)
     # Spawned, not forked: threads of numerical libraries do not survive a fork.
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, spawn, prepare_worker, (os.getpid(),)) as pool:
@@ -260,10 +281,10 @@ def _in_processes(
 
 
 def _run_segment(
-    stages: Path, out: Path, names: list[str], settings: dict[str, Any], cores: int, segment: str
+    place: tuple[Path, Path, str], names: list[str], settings: dict[str, Any], cores: int, segment: str
 ) -> list[Made]:
     os.environ[THREADS_VARIABLE] = str(cores)
-    workspace = Workspace(stages, out)
+    workspace = Workspace(*place)
     return [make_shard(workspace, BY_NAME[name], segment, settings[name], _no_tick) for name in names]
 
 

@@ -26,7 +26,7 @@ def load(settings: type[Any], path: Path, overrides: Mapping[str, Any] | None = 
         BadSetting: The file is missing or is no TOML, or keys or values are wrong: all of them
             in one message.
     """
-    values = {**_read(path), **(overrides or {})}
+    values = {**read_toml(path), **(overrides or {})}
     declared = params_of(settings)
     faults = [
         f"missing key {name!r} ({spec.meaning})" for name, (_, spec) in declared.items() if name not in values
@@ -42,7 +42,12 @@ def load(settings: type[Any], path: Path, overrides: Mapping[str, Any] | None = 
     return settings(**checked)
 
 
-def _read(path: Path) -> dict[str, Any]:
+def read_toml(path: Path) -> dict[str, Any]:
+    """The values of a TOML file.
+
+    Raises:
+        BadSetting: The file is missing or is no TOML.
+    """
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:

@@ -114,7 +114,8 @@ class Stage:
         run: Yields the rows of one segment, in ascending order of frames.
         params: Dataclass whose fields are `param`s.
         row: Dataclass, child of `Row`, whose fields are `column`s.
-        reads: Names of the stages it may open; `raw` is the drive itself.
+        reads: Names of the stages it may open; `raw` is the drive itself, `vlm` the vision-language model.
+        whole: Made once for all drives together, as one shard, and not once a segment.
         version: Raised by hand when the code gives other rows for equal values.
     """
 
@@ -123,6 +124,7 @@ class Stage:
     params: type[Any]
     row: type[Row]
     reads: tuple[str, ...]
+    whole: bool = False
     version: int = 1
 
     @property

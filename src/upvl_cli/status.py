@@ -11,7 +11,7 @@ from upvl_cli.runner import state
 from upvl_cli.stage import Stage
 from upvl_cli.stages import STAGES
 from upvl_cli.tables import read_footer
-from upvl_cli.workspace import Workspace
+from upvl_cli.workspace import WHOLE, Workspace
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ def status(workspace: Workspace) -> list[StageStatus]:
 def _states(workspace: Workspace, segment: str) -> Iterator[tuple[str, tuple[str, str]]]:
     seen: dict[str, str] = {}
     for stage in STAGES:
-        condition, reason = state(workspace, stage, segment)
+        condition, reason = state(workspace, stage, WHOLE if stage.whole else segment)
         above = [name for name in stage.reads if seen.get(name, "fresh") != "fresh"]
         if condition == "fresh" and above:
             condition, reason = "stale", f"{above[0]} is {seen[above[0]]}"
@@ -53,6 +53,8 @@ def _of_stage(
     seconds: dict[tuple[str, str], float],
 ) -> StageStatus:
     of_segment = {segment: all_states[stage.name] for segment, all_states in states.items()}
+    if stage.whole:
+        of_segment = {WHOLE: next(iter(of_segment.values()))}
     conditions = [condition for condition, _ in of_segment.values()]
     paths = [workspace.shard(stage.name, segment) for segment in of_segment]
     footers = [footer for footer in map(read_footer, paths) if footer]

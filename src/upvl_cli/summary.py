@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from upvl_cli.stages import BY_NAME, STAGES
 from upvl_cli.tables import Table, read_footer
-from upvl_cli.workspace import Workspace
+from upvl_cli.workspace import WHOLE, Workspace
 
 
 def lines(workspace: Workspace) -> Iterator[str]:
@@ -25,7 +25,8 @@ def lines(workspace: Workspace) -> Iterator[str]:
             f"(longest {longest} frames)"
         )
     for stage in STAGES:
-        footers = [read_footer(workspace.shard(stage.name, segment)) for segment in workspace.segments]
+        drives = (WHOLE,) if stage.whole else workspace.segments
+        footers = [read_footer(workspace.shard(stage.name, drive)) for drive in drives]
         counts = sum((Counter(footer.counts) for footer in footers if footer), Counter())
         if counts:
             yield f"  {stage.name}: " + ", ".join(

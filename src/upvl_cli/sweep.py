@@ -2,34 +2,24 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
-import tomllib
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
-from upvl_cli.errors import BadSetting, UpvlError, one_line
+from upvl_cli.errors import BadSetting, UpvlError
 from upvl_cli.runner import Made, Tick, claim_folder, make_shard
-from upvl_cli.settings import load
-from upvl_cli.stage import Stage
 from upvl_cli.stages import BY_NAME, STAGES
-from upvl_cli.workspace import Workspace, write_if_changed
+from upvl_cli.workspace import WHOLE, Workspace, write_if_changed
 
 
-def preset_workspace(base: Workspace, name: str) -> Workspace:
-    """The workspace of a preset, `out/tables/<name>`, with all its values written out.
-
-    Args:
-        base: The workspace that it differs from.
-        name: A folder of `stages/presets`.
+def checked_preset(stages: Path, name: str) -> str:
+    """The name of a preset, whose folder holds nothing but values of stages.
 
     Raises:
-        BadSetting: There is no such preset, or it holds a file or a value that no stage knows.
+        BadSetting: There is no such preset, or it holds a file that no stage knows.
     """
-    folder = base.stages / "presets" / name
+    folder = stages / "presets" / name
     if not folder.is_dir():
         raise BadSetting(
             f"{folder} is missing; a preset is a folder with the values that differ, a TOML file a stage"
@@ -43,22 +33,31 @@ def preset_workspace(base: Workspace, name: str) -> Workspace:
         raise BadSetting(
             f"{folder} holds {', '.join(unknown)}; expected files of stages: {', '.join(BY_NAME)}"
         )
-    workspace = Workspace(base.out / "tables" / name / "stages", base.out / "tables" / name)
-    _write_values(workspace.stages / "raw.toml", asdict(base.raw))
+    return name
+
+
+def preset_workspace(base: Workspace, name: str) -> Workspace:
+    """The workspace of a preset, with its shards in `out/tables/<name>`.
+
+    Args:
+        base: The workspace that it differs from.
+        name: A folder of `stages/presets`.
+
+    Raises:
+        BadSetting: There is no such preset, or it holds a file or a value that no stage knows.
+    """
+    workspace = Workspace(base.stages, base.out / "tables" / name, checked_preset(base.stages, name))
     for stage in STAGES:
-        settings = _settings(base, stage, folder / f"{stage.name}.toml")
-        _write_values(workspace.stages / f"{stage.name}.toml", asdict(settings))
+        workspace.settings(stage)
+    remember(workspace)
     return workspace
 
 
-def _settings(base: Workspace, stage: Stage, differing: Path) -> Any:
-    """The values of a stage that ship, but for those of a preset's file, which is blamed for its own faults."""
-    shipped = base.settings(stage)
-    path = base.stages / f"{stage.name}.toml"
-    try:
-        return load(stage.params, path, _differing(differing)) if os.path.lexists(differing) else shipped
-    except BadSetting as error:
-        raise BadSetting(str(error).replace(f"{path}: ", f"{differing}: ", 1)) from None
+def remember(workspace: Workspace) -> None:
+    """Note in the folder of the shards which preset they are made with: later commands go by it."""
+    path = workspace.out / "preset"
+    if workspace.preset or path.exists():
+        write_if_changed(path, f"{workspace.preset}\n")
 
 
 def make(
@@ -78,33 +77,16 @@ def make(
     """
     _link(base.mark_raw(segment), workspace.shard("raw", segment))
     for stage in STAGES:
-        stamp = workspace.shard_stamp(stage, segment)
+        drive = WHOLE if stage.whole else segment
+        stamp = workspace.shard_stamp(stage, drive)
         owner = next(
-            (other for other in (base, *others) if other.shard_stamp(stage, segment) == stamp), workspace
+            (other for other in (base, *others) if other.shard_stamp(stage, drive) == stamp), workspace
         )
         settings = claim_folder(owner, stage, {})
-        yield make_shard(owner, stage, segment, settings, tick)
+        yield make_shard(owner, stage, drive, settings, tick)
         if owner is not workspace:
             claim_folder(workspace, stage, {})
-            _link(owner.shard(stage.name, segment), workspace.shard(stage.name, segment))
-
-
-def _differing(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise BadSetting(f"{path} cannot be read: {error.strerror}; mend or remove it") from None
-    except (ValueError, RecursionError) as error:
-        raise BadSetting(f"{path} is not valid TOML: {one_line(error)}") from None
-
-
-def _write_values(path: Path, values: dict[str, Any]) -> None:
-    write_if_changed(path, "".join(f"{key} = {_as_toml(value)}\n" for key, value in values.items()))
-
-
-def _as_toml(value: Any) -> str:
-    # Numbers, texts, truths and lists of them are written in TOML as in JSON; only TOML escapes a DEL.
-    return json.dumps(value, ensure_ascii=False, allow_nan=False).replace("\x7f", "\\u007f")
+            _link(owner.shard(stage.name, drive), workspace.shard(stage.name, drive))
 
 
 def _link(source: Path, target: Path) -> None:

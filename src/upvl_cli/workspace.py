@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import difflib
 import json
+import os
 import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -15,12 +16,14 @@ from typing import TYPE_CHECKING, Any
 from upvl_cli.contents import Contents, contents
 from upvl_cli.datasets import DATASETS, SETTINGS
 from upvl_cli.errors import BadInput, BadSetting
-from upvl_cli.settings import load
+from upvl_cli.settings import load, read_toml
 from upvl_cli.stage import Stage, param
 from upvl_cli.stages import BY_NAME
+from upvl_cli.vlm import adapter
 
 if TYPE_CHECKING:
     from upvl_cli.datasets.base import Dataset, Drive
+    from upvl_cli.vlm.base import Model
 
 # A segment becomes a file name and a word in make's rules: nothing that either could misread.
 SAFE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]*")
@@ -35,18 +38,32 @@ class RawParams:
     segments: tuple[str, ...] = param("the drives to work on; an empty list takes all of them")
 
 
+@dataclass(frozen=True)
+class VlmParams:
+    """Which vision-language model: the settings in `stages/vlm.toml`."""
+
+    model: str = param("the model, with a colon before its weights where it needs some: clip:/models/b16")
+
+
+WHOLE = "all"  # the segment of a stage that is made once for all drives
+NO_STAGES = ("raw", "vlm")  # what a stage can read that no stage makes
+
+
 class Workspace:
     """Where a run finds its settings and keeps its shards."""
 
-    def __init__(self, stages: Path, out: Path) -> None:
+    def __init__(self, stages: Path, out: Path, preset: str | None = None) -> None:
         """Name the two folders.
 
         Args:
             stages: Folder of the TOML files.
             out: Folder of the shards; made when the first is written.
+            preset: Folder of `stages/presets` whose values stand over those of the TOML files; "" for none, and
+                None for the one that the shards in `out` were last made with.
         """
         self.stages = stages
         self.out = out
+        self.preset = _preset_of(out) if preset is None else preset
         self._settings: dict[str, Any] = {}
         self._drives: dict[str, Drive] = {}
         self._seen: dict[str, Contents] = {}
@@ -110,8 +127,33 @@ class Workspace:
     def settings(self, stage: Stage) -> Any:
         """The values of a stage, as its TOML file gives them."""
         if stage.name not in self._settings:
-            self._settings[stage.name] = load(stage.params, self.stages / f"{stage.name}.toml")
+            self._settings[stage.name] = self.with_values(stage, {})
         return self._settings[stage.name]
+
+    def with_values(self, stage: Stage, overrides: Mapping[str, Any]) -> Any:
+        """The values of a stage, with those of the preset over the TOML file's, and others over both."""
+        path = self.stages / f"{stage.name}.toml"
+        differing = preset_values(self.stages, self.preset, stage.name) if self.preset else {}
+        if not differing:
+            return load(stage.params, path, overrides)
+        load(stage.params, path)  # each file is blamed for its own faults
+        try:
+            return load(stage.params, path, {**differing, **overrides})
+        except BadSetting as error:
+            blamed = self.stages / "presets" / self.preset / path.name
+            raise BadSetting(str(error).replace(f"{path}: ", f"{blamed}: ", 1)) from None
+
+    @cached_property
+    def vlm(self) -> VlmParams:
+        """The settings of `vlm.toml`."""
+        settings: VlmParams = load(VlmParams, self.stages / "vlm.toml")
+        return settings
+
+    @cached_property
+    def model(self) -> Model:
+        """The vision-language model that `vlm.toml` names; no network is loaded yet."""
+        opener, weights = adapter(self.vlm.model)
+        return opener.open(weights)
 
     def shard(self, stage: str, segment: str) -> Path:
         """Where a shard stands; `raw` stands for the mark of the drive's own files."""
@@ -125,25 +167,67 @@ class Workspace:
         """What makes one shard: as `stage_stamp`, with the content of the drive and of the shards it reads."""
         from upvl_cli.tables import footer_digest
 
-        made_from = {name: footer_digest(self.shard(name, segment)) for name in stage.reads if name != "raw"}
-        raw = {"raw": json.loads(self.raw_stamp(segment))}
+        sources = self.sources(stage, segment)
+        made_from = {name: footer_digest(path) for name, path in sources if name.partition("/")[0] not in NO_STAGES}
+        drives = self.segments if stage.whole else (segment,)
+        raw = {"raw": self._adapter() | {"content": self._content(drives)}}
         return _text(self._makers(stage, settings) | raw | {"inputs": made_from})
+
+    def sources(self, stage: Stage, segment: str) -> list[tuple[str, Path]]:
+        """What a shard is made from: the name of each input, with its drive's where there are several, and its path."""
+        found: list[tuple[str, Path]] = []
+        for name in stage.reads:
+            if name == "vlm":
+                found.append((name, self.out / "vlm.stamp"))
+            elif name != "raw" and BY_NAME[name].whole:
+                found.append((name, self.shard(name, WHOLE)))
+            elif stage.whole:
+                found += [(f"{name}/{drive}", self.shard(name, drive)) for drive in self.segments]
+            else:
+                found.append((name, self.shard(name, segment)))
+        return found
 
     def _makers(self, stage: Stage, settings: Any) -> dict[str, Any]:
         values = self.settings(stage) if settings is None else settings
         makers: dict[str, Any] = {stage.name: {"version": stage.version, "values": asdict(values)}}
         for name in stage.reads:
-            above = {"raw": self._adapter()} if name == "raw" else self._makers(BY_NAME[name], None)
+            above = {name: self._given(name)} if name in NO_STAGES else self._makers(BY_NAME[name], None)
             makers = above | makers
         return makers
+
+    def _given(self, name: str) -> dict[str, Any]:
+        return self._adapter() if name == "raw" else self._model_stamp
 
     def _adapter(self) -> dict[str, Any]:
         adapter = {"dataset": self.raw.dataset, "version": self.dataset.version}
         return adapter | ({"values": asdict(self._dataset_settings)} if self._dataset_settings else {})
 
+    @cached_property
+    def _model_stamp(self) -> dict[str, Any]:
+        opener, weights = adapter(self.vlm.model)
+        seen_path = self.out / "vlm.seen"
+        found = contents(opener.files(weights), seen_path)
+        write_if_changed(seen_path, found.seen)
+        # The value names a place on this disk; what the model is, its content says.
+        return {"model": self.vlm.model.partition(":")[0], "content": found.digest}
+
+    def mark_model(self) -> None:
+        """Write `out/vlm.stamp`, which make compares, where the model is another one."""
+        write_if_changed(self.out / "vlm.stamp", _text(self._model_stamp))
+
     def raw_stamp(self, segment: str) -> str:
         """The adapter and a digest of the content of the drive's files, as JSON."""
         return _text(self._adapter() | {"content": self._contents(segment).digest})
+
+    def _content(self, drives: tuple[str, ...]) -> Any:
+        """The digest of a drive, or of each of several; one that cannot be read has none."""
+        if len(drives) == 1:
+            return self._contents(drives[0]).digest
+        digests = {}
+        for drive in drives:
+            with contextlib.suppress(BadInput):
+                digests[drive] = self._contents(drive).digest
+        return digests
 
     def _contents(self, segment: str) -> Contents:
         if segment not in self._seen:
@@ -159,6 +243,30 @@ class Workspace:
         write_if_changed(path, self.raw_stamp(segment))
         write_if_changed(self._seen_path(segment), self._contents(segment).seen)
         return path
+
+
+def preset_values(stages: Path, preset: str, stage: str) -> dict[str, Any]:
+    """The values of a stage that a preset gives; none where it has no file of that stage.
+
+    Raises:
+        BadSetting: There is no such preset, or the file is no TOML.
+    """
+    folder = stages / "presets" / preset
+    if not folder.is_dir():
+        raise BadSetting(
+            f"{folder} is missing; a preset is a folder with the values that differ, a TOML file a stage"
+        )
+    path = folder / f"{stage}.toml"
+    return read_toml(path) if os.path.lexists(path) else {}
+
+
+def _preset_of(out: Path) -> str:
+    """The preset that the shards of a folder were last made with."""
+    try:
+        name = (out / "preset").read_text(encoding="utf-8").strip()
+    except (OSError, ValueError):
+        return ""
+    return name if SAFE_NAME.fullmatch(name) else ""
 
 
 def write_if_changed(path: Path, text: str) -> bool:

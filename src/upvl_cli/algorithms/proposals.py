@@ -53,6 +53,7 @@ class Sweep:
         candidate: (n,) whether the point passed the motion mask; all of them for every motion state.
             The others only join a box that they lie in: flow misses points here and there.
         background: (n,) whether the point shows background.
+        look: (n, k) what else neighbours are to be alike in, in metres; k may be 0.
         height_m: (n,) heights over the ground.
         world_from_sweep: (4, 4) pose of the axes of the points.
         step: Number of the sweep among `Places`.
@@ -62,6 +63,7 @@ class Sweep:
     velocity_mps: Floats
     candidate: Bools
     background: Bools
+    look: Floats
     height_m: Floats
     world_from_sweep: Floats
     step: int
@@ -75,6 +77,7 @@ def propose(
     eps_mps: float,
     min_points: int,
     voxel_m: float,
+    cluster_background: bool,
     max_background_share: float,
     max_lasting_share: float,
     moving_mps: float,
@@ -93,6 +96,8 @@ def propose(
         eps_mps: And their flow differs by less than this; the two add up as in Pythagoras' rule.
         min_points: Points that make a neighbourhood dense, and the fewest of an object.
         voxel_m: Points closer than this count as one place.
+        cluster_background: Whether background points make clusters too, as in the paper; otherwise they join
+            what they lie in.
         max_background_share: An object with a larger share of background points is dropped: r_bg.
         max_lasting_share: So is one that claims to leave its place while more of its points than this
             stay taken before and after.
@@ -101,14 +106,19 @@ def propose(
         person_gap_m: Persons this far apart are not one object, though their cluster is.
     """
     label: Ints = np.full(len(sweep.xyz_m), NOISE, dtype=np.int64)
-    joint = np.hstack([sweep.xyz_m, sweep.velocity_mps * (eps_m / eps_mps)])[sweep.candidate]
-    label[sweep.candidate] = dbscan_voxels(joint, eps_m=eps_m, min_points=min_points, voxel_m=voxel_m)
-    dropped = {"points in no cluster": int((label[sweep.candidate] == NOISE).sum())}
+    candidate = sweep.candidate & (cluster_background | ~sweep.background)
+    joint = np.hstack([sweep.xyz_m, sweep.velocity_mps * (eps_m / eps_mps), sweep.look])[candidate]
+    label[candidate] = dbscan_voxels(joint, eps_m=eps_m, min_points=min_points, voxel_m=voxel_m)
+    dropped = {"points in no cluster": int((label[candidate] == NOISE).sum())}
+    if cluster_background:  # there are many: before their boxes are fitted
+        label, dropped["background"] = _drop(label, _share(label, sweep.background) > max_background_share)
     label = _persons(label, sweep, foot_m, person_gap_m)
-    label, dropped["background"] = _drop(label, _share(label, sweep.background) > max_background_share)
 
     velocity = _velocities(label, sweep)
     label = _adopt(label, sweep.xyz_m, _fit_all(label, velocity, sweep, moving_mps, foot_m))
+    if not cluster_background:
+        label, dropped["background"] = _drop(label, _share(label, sweep.background) > max_background_share)
+        velocity = _velocities(label, sweep)
     lasting = _lasting(label, velocity, _fit_all(label, velocity, sweep, moving_mps, foot_m), sweep, places)
     label, dropped["stays where it is"] = _drop(label, _share(label, lasting) > max_lasting_share)
     dropped["points that stay"] = int((lasting & (label != NOISE)).sum())

@@ -17,7 +17,6 @@ from upvl_cli.evaluation.region import Region
 from upvl_cli.geometry.camera import project
 from upvl_cli.metrics.inputs import Predictions, Truth, relabelled, resolved_level
 from upvl_cli.runner import state
-from upvl_cli.stage import columns_of
 from upvl_cli.stages import BY_NAME
 from upvl_cli.tables import Table
 from upvl_cli.types import Array, Bools, Camera, Floats, Ints, Labels, ParallelArrays
@@ -26,7 +25,7 @@ from upvl_cli.workspace import Workspace
 # Whatever road user was labelled is an object, also of an unknown kind; a sign is none.
 ANY_CLASS = {0: 1, 2: 1, 4: 1}
 
-CLASS = "type"  # the column of a stage's rows that has Waymo's number of each box, if it has one
+NAMES = "name"  # the stage that gives boxes their types
 
 Rows = TypeVar("Rows", bound=ParallelArrays)
 
@@ -86,27 +85,28 @@ class _Drive:
     dropped: Counter[str]
 
 
-def gather(workspace: Workspace, stage: str, *, region: Region | None) -> Material:
+def gather(workspace: Workspace, stage: str, *, region: Region | None, named: bool = False) -> Material:
     """The labels and the boxes of all drives of a workspace that have labels.
 
     Args:
         workspace: Where.
         stage: The stage that made the boxes.
         region: Boxes whose centre lies outside do not count, on either side; None takes all.
+        named: Whether the boxes get the types that the stage `name` found.
 
     Raises:
         BadInput: No drive has labels, or a file of labels is damaged.
         NotMade: A drive has no such boxes, or they were made with other settings.
     """
     source, frames, left_out = labelled(workspace)
-    drives = {name: _of_drive(workspace, stage, source, name, frames[name], region) for name in frames}
+    drives = {name: _of_drive(workspace, stage, source, name, frames[name], region, named) for name in frames}
     parts = list(drives.values())
     return Material(
         labels=_joined([part.labels for part in parts]),
         points=np.concatenate([part.points for part in parts]),
         in_view=np.concatenate([part.in_view for part in parts]),
         predictions=_joined([part.predictions for part in parts]),
-        has_class=CLASS in columns_of(BY_NAME[stage].row),
+        has_class=named,
         segments=tuple(drives),
         frames=sum(part.frames for part in parts),
         left_out=left_out,
@@ -144,7 +144,7 @@ def checked_table(workspace: Workspace, stage: str, segment: str) -> Table:
     path = workspace.shard(stage, segment)
     if condition != "fresh":
         raise NotMade(
-            f"eval needs {path}, which is {condition} ({reason}); run: upvl autolabel --moving-only"
+            f"eval needs {path}, which is {condition} ({reason}); run: upvl autolabel --all-motion, or --moving-only"
         )
     return Table(path, BY_NAME[stage].row)
 
@@ -156,10 +156,13 @@ def _of_drive(
     segment: str,
     frames: Ints,
     region: Region | None,
+    named: bool,
 ) -> _Drive:
     rows = checked_table(workspace, stage, segment)
-    has_class = CLASS in columns_of(BY_NAME[stage].row)
-    predictions = _predictions(segment, [rows[frame] for frame in rows.frames if frame in frames], has_class)
+    chosen = [rows[frame] for frame in rows.frames if frame in frames]
+    names = checked_table(workspace, NAMES, segment) if named else None
+    types = [_types(row, names[row.frame]) if names else np.zeros(len(row.seven)) for row in chosen]
+    predictions = _predictions(segment, chosen, types)
     labels = source.labels(segment)
     truth = _truth(segment, labels)
     dropped: Counter[str] = Counter()
@@ -187,7 +190,13 @@ def _truth(segment: str, labels: Labels) -> Truth:
     )
 
 
-def _predictions(segment: str, rows: Sequence[Any], has_class: bool) -> Predictions:
+def _types(row: Any, names: Any) -> Ints:
+    """(b,) the type of each box, by its track."""
+    order = np.argsort(names.track_id)
+    return np.asarray(names.type[order][np.searchsorted(names.track_id[order], row.track_id)])
+
+
+def _predictions(segment: str, rows: Sequence[Any], types: Sequence[Ints]) -> Predictions:
     """The boxes of the labelled frames; of other frames nothing is known."""
     count = [len(row.seven) for row in rows]
     empty = np.zeros((0, 7))
@@ -199,7 +208,7 @@ def _predictions(segment: str, rows: Sequence[Any], has_class: bool) -> Predicti
         sequence=np.full(sum(count), segment),
         frame=np.repeat([row.frame for row in rows], count),
         seven=column("seven", empty),
-        type=column(CLASS, empty[:, 0]) if has_class else np.zeros(sum(count)),
+        type=np.concatenate([empty[:, 0], *types]),
         score=column("score", empty[:, 0]),
         velocity_mps=column("velocity_mps", empty[:, :3])[:, :2],
         object_id=column("track_id", empty[:, 0]).astype(np.int64),

@@ -67,8 +67,8 @@ TABLES = (
         (
             PaperRow("MI-UP labels", "mi-up", (36.9, 35.5, 27.4, 26.4), needs=()),
             PaperRow("MI-UP detector", "mi-up", (42.1, 40.4, 29.6, 28.4), "detections", ("train", "detect")),
-            PaperRow("UP-VL labels", "", (39.9, 38.4, 34.2, 32.0)),
-            PaperRow("UP-VL detector", "", (49.9, 48.1, 38.4, 36.9), "detections", DETECTOR),
+            PaperRow("UP-VL labels", "moving-vl", (39.9, 38.4, 34.2, 32.0)),
+            PaperRow("UP-VL detector", "moving-vl", (49.9, 48.1, 38.4, 36.9), "detections", DETECTOR),
         ),
     ),
     PaperTable(
@@ -77,8 +77,8 @@ TABLES = (
         True,
         (
             PaperRow("clustering + VL", "clustering-vl-moving", (47.8, 21.5, 34.7)),
-            PaperRow("UP-VL labels", "", (57.5, 29.8, 43.7)),
-            PaperRow("UP-VL detector", "", (76.9, 28.6, 52.8), "detections", DETECTOR),
+            PaperRow("UP-VL labels", "moving-vl", (57.5, 29.8, 43.7)),
+            PaperRow("UP-VL detector", "moving-vl", (76.9, 28.6, 52.8), "detections", DETECTOR),
         ),
     ),
     PaperTable(
@@ -89,11 +89,11 @@ TABLES = (
             PaperRow("clustering, whatever the class", "clustering", (NOT_TOLD, NOT_TOLD, 11.6), needs=()),
             PaperRow("clustering + VL", "clustering-vl", (15.8, 9.9, 12.9)),
             PaperRow("clustering + VL + flow", "clustering-vl-flow", (16.1, 10.0, 13.1)),
-            PaperRow("UP-VL labels", "all-motion", (30.2, 14.7, 22.4)),
+            PaperRow("UP-VL labels", "", (30.2, 14.7, 22.4)),
             PaperRow(
                 "detector without distillation", "no-distillation", (40.0, 15.2, 27.6), "detections", DETECTOR
             ),
-            PaperRow("detector with distillation", "all-motion", (52.0, 19.7, 35.8), "detections", DETECTOR),
+            PaperRow("detector with distillation", "", (52.0, 19.7, 35.8), "detections", DETECTOR),
         ),
     ),
     PaperTable(
@@ -103,8 +103,8 @@ TABLES = (
         (
             # Not told whether of labels or of a detector trained on them.
             PaperRow("MI-UP (here: its labels)", "mi-up", (12.8, 45.5), needs=()),
-            PaperRow("MI-UP-C + VL (here: its labels)", "", (22.8, 43.4)),
-            PaperRow("UP-VL detector", "", (41.3, 37.4), "detections", DETECTOR),
+            PaperRow("MI-UP-C + VL (here: its labels)", "moving-vl", (22.8, 43.4)),
+            PaperRow("UP-VL detector", "moving-vl", (41.3, 37.4), "detections", DETECTOR),
         ),
     ),
     PaperTable(
@@ -116,7 +116,7 @@ TABLES = (
             for value, preset, published in (
                 ("0.10", "eps-bg-10", 20.5),
                 ("0.05", "eps-bg-05", 21.9),
-                ("0.02", "all-motion", 22.4),
+                ("0.02", "", 22.4),
                 ("0.00", "eps-bg-00", 22.1),
             )
         ),
@@ -130,7 +130,7 @@ TABLES = (
             for value, preset, published in (
                 (50, "r-bg-50", 14.1),
                 (90, "r-bg-90", 19.2),
-                (99, "all-motion", 22.4),
+                (99, "", 22.4),
                 (100, "r-bg-100", 22.3),
             )
         ),

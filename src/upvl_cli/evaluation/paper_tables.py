@@ -100,7 +100,7 @@ def fill(workspace: Workspace, watcher: Watcher) -> Iterator[tuple[PaperTable, l
 
     @cache
     def gathered(preset: str, stage: str) -> Material:
-        return gather(made[preset], stage, region=None)
+        return gather(made[preset], stage, region=None, named=stage == STAGE_OF["labels"])
 
     for table in TABLES:
         rows = []

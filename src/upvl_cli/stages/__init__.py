@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from upvl_cli.stage import Stage
-from upvl_cli.stages import amodal, flow, ground, mask, nms, odometry, propose, track
+from upvl_cli.stages import amodal, extract_vl, flow, ground, mask, name, nms, odometry, pca, propose, track
 
 STAGES: tuple[Stage, ...] = (
     odometry.STAGE,
     ground.STAGE,
     flow.STAGE,
+    pca.STAGE,
+    extract_vl.STAGE,
     mask.STAGE,
     propose.STAGE,
     track.STAGE,
     amodal.STAGE,
     nms.STAGE,
+    name.STAGE,
 )
 
 BY_NAME: dict[str, Stage] = {stage.name: stage for stage in STAGES}

@@ -20,29 +20,53 @@ class MaskParams:
     min_speed_mps: float = param(
         "a point moves from this speed on: the paper's eps_sf", "m/s", least=0, most=200
     )
+    background: tuple[str, ...] = param("words for background: the paper's C_bg")
+    calibrated: bool = param("take the model's own rule, and not the two settings that follow")
+    eps_bg: float = param("a point this much like a background word is background", least=-2, most=2)
+    against: tuple[str, ...] = param("words that background is compared with; none in the paper")
+    no_view: str = param(
+        "a point without a feature is an object's: if it moves, always, never",
+        choices=("moving", "keep", "drop"),
+    )
+    no_view_mps: float = param("where that asks whether it moves: from this speed on", "m/s", least=0, most=200)
 
 
 @dataclass(frozen=True)
 class MaskRow(Row):
     """State of each point of a sweep, in the order of its points."""
 
-    is_moving: Array = column("bool", "faster than min_speed_mps", per="point")
+    is_moving: Array = column("bool", "at least as fast as min_speed_mps", per="point")
     background: Array = column(
         "int8",
-        "1 looks like background, 0 does not, -1 unknown: it has no vision-language feature",
+        "1 background, 0 not, -1 not told: without a feature, and kept by the policy for those",
         per="point",
     )
 
 
 def run(inputs: Inputs, params: MaskParams) -> Iterator[MaskRow]:
-    """Mark the points that move, by speed; no point has a vision-language feature yet."""
-    from upvl_cli.algorithms.masks import moving, unknown_background
+    """Mark the points that move, by speed, and those of the background, by words."""
+    from upvl_cli.algorithms.masks import Background, moving, without_feature
 
+    (fitted,) = inputs.table("pca")
+    features = inputs.table("extract-vl")
+    own = inputs.model.background
+    against, eps = (own.against, own.threshold) if params.calibrated else (params.against, params.eps_bg)
+    words = inputs.model.embed_text([*params.background, *against])
+    rule = Background(fitted.basis, words[: len(params.background)], words[len(params.background) :], eps)
     for row in inputs.table("flow"):
+        of = features[row.frame]
         is_moving = moving(row.flow_mps, min_speed_mps=params.min_speed_mps)
+        background = rule.of(of.state, of.feature)
+        fast = moving(row.flow_mps, min_speed_mps=params.no_view_mps)
+        background = without_feature(background, fast, policy=params.no_view)
         inputs.count("points moving", is_moving.sum())
         inputs.count("points still", (~is_moving).sum())
-        yield MaskRow(inputs.segment, row.frame, is_moving, unknown_background(len(is_moving)))
+        inputs.count("points background", (background == 1).sum())
+        inputs.count("points not background", (background == 0).sum())
+        inputs.count("points without a feature, kept", (background < 0).sum())
+        yield MaskRow(inputs.segment, row.frame, is_moving, background)
 
 
-STAGE = Stage(name="mask", run=run, params=MaskParams, row=MaskRow, reads=("flow",))
+STAGE = Stage(
+    name="mask", run=run, params=MaskParams, row=MaskRow, reads=("vlm", "pca", "flow", "extract-vl")
+)

@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from upvl_cli.types import Array
 
 
+LOOK = 3  # values of a feature that clusters go by: more only add noise to the distance
+
+
 @dataclass(frozen=True)
 class ProposeParams:
     """Settings of `propose`."""
@@ -24,6 +27,12 @@ class ProposeParams:
         "points that make a dense neighbourhood, and the fewest of an object", least=1, most=10**6
     )
     voxel_m: float = param("points closer than this count as one place", "m", least=0.01, most=10)
+    eps_vl: float = param(
+        "and their features by less than this; 0 takes no notice of features", least=0, most=10
+    )
+    cluster_background: bool = param(
+        "background points make objects too, as in the paper; otherwise they only join what they lie in"
+    )
     max_background_share: float = param(
         "drop an object with a larger share of background points: the paper's r_bg", least=0, most=1
     )
@@ -57,12 +66,22 @@ def run(inputs: Inputs, params: ProposeParams) -> Iterator[ProposeRow]:
     from upvl_cli.algorithms.clustering import NOISE
     from upvl_cli.algorithms.persistence import places
     from upvl_cli.algorithms.proposals import Proposals, Sweep, propose
+    from upvl_cli.algorithms.views import SEEN
     from upvl_cli.geometry.se3 import apply
     from upvl_cli.parallel import in_order
 
     drive, settings = inputs.drive, asdict(params)
+    look_m = params.eps_m / settings.pop("eps_vl") if params.eps_vl else settings.pop("eps_vl")
     poses = list(inputs.table("odometry"))
     flows, grounds, masks = (inputs.table(name) for name in ("flow", "ground", "mask"))
+    features, (fitted,) = inputs.table("extract-vl"), inputs.table("pca")
+
+    def look(frame: int, above: Array) -> Array:
+        """The strongest values of the features of points, in metres; 0 where there is none."""
+        of = features[frame]
+        values = np.zeros((len(above), LOOK))
+        values[of.state == SEEN] = fitted.basis.values(of.feature)[:, :LOOK] * look_m
+        return values[above]
 
     def above_ground(pose: Any) -> Array:
         """The points of a frame that stand above the ground, in ego axes."""
@@ -84,6 +103,7 @@ def run(inputs: Inputs, params: ProposeParams) -> Iterator[ProposeRow]:
             flow.flow_mps[above].astype(np.float64),
             mask.is_moving[above],
             mask.background[above] == 1,
+            look(frame, above) if look_m else np.zeros((above.sum(), 0)),
             ground.height_m[above].astype(np.float64),
             poses[step].world_from_ego,
             step,
@@ -105,5 +125,5 @@ STAGE = Stage(
     run=run,
     params=ProposeParams,
     row=ProposeRow,
-    reads=("raw", "odometry", "ground", "flow", "mask"),
+    reads=("raw", "odometry", "ground", "flow", "pca", "extract-vl", "mask"),
 )

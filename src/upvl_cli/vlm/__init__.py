@@ -1,1 +1,80 @@
-"""Vision-language models: pictures and words in one space."""
+"""Vision-language models: pictures and words in one space. Each loads its libraries only when it is opened."""
+
+from __future__ import annotations
+
+import difflib
+from pathlib import Path
+
+from upvl_cli.errors import BadSetting
+from upvl_cli.vlm.base import Adapter, Model
+
+
+def _mini_files(weights: str) -> tuple[Path, ...]:
+    from upvl_cli.vlm.mini import files
+
+    return files(weights)
+
+
+def _mini(weights: str) -> Model:
+    from upvl_cli.vlm.mini import Mini
+
+    return Mini()
+
+
+def _clip_files(weights: str) -> tuple[Path, ...]:
+    from upvl_cli.vlm.clip import files
+
+    return files(weights)
+
+
+def _clip(weights: str) -> Model:
+    from upvl_cli.vlm.clip import Clip
+
+    return Clip(weights)
+
+
+def _openseg_files(weights: str) -> tuple[Path, ...]:
+    from upvl_cli.vlm.openseg import files
+
+    return files(weights)
+
+
+def _openseg(weights: str) -> Model:
+    from upvl_cli.vlm.openseg import OpenSeg
+
+    return OpenSeg(weights)
+
+
+def _onnx_files(weights: str) -> tuple[Path, ...]:
+    from upvl_cli.vlm.onnx import files
+
+    return files(weights)
+
+
+def _onnx(weights: str) -> Model:
+    from upvl_cli.vlm.onnx import Onnx
+
+    return Onnx(weights)
+
+
+MODELS: dict[str, Adapter] = {
+    "mini": Adapter(_mini_files, _mini, "mini"),
+    "clip": Adapter(_clip_files, _clip, "clip:/models/clip-vit-base-patch16"),
+    "openseg": Adapter(_openseg_files, _openseg, "openseg:/models/openseg"),
+    "onnx": Adapter(_onnx_files, _onnx, "onnx:/models/mine"),
+}
+
+
+def adapter(model: str) -> tuple[Adapter, str]:
+    """The adapter that a value such as "clip:/models/b16" names, and what follows its colon.
+
+    Raises:
+        BadSetting: No adapter has that name.
+    """
+    name, _, weights = model.partition(":")
+    if name not in MODELS:
+        close = difflib.get_close_matches(name, MODELS, n=1)
+        hint = f"; did you mean {close[0]!r}?" if close else ""
+        known = ", ".join(repr(one.example) for one in MODELS.values())
+        raise BadSetting(f"vlm.toml: model = {model!r}: unknown model {name!r}{hint} (for example: {known})")
+    return MODELS[name], weights

@@ -9,6 +9,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
+from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 STRIDE = 32  # a picture's sides must be multiples of this
 CELL = 4  # pixels of the picture a cell of the output
@@ -76,6 +77,14 @@ class MiniNetwork(nn.Module):
         self.thin = _Conv(_WIDE, _NARROW, 1, cut=False)
         self.last = _Conv(_NARROW, _NARROW, 3)
         self.point = nn.Conv2d(_NARROW, dim, 1)
+
+    def fused(self) -> MiniNetwork:
+        """Fold the norms into the convolutions, for use without training; returns itself."""
+        for module in self.modules():
+            if isinstance(module, _Conv):
+                module.conv = fuse_conv_bn_eval(module.conv, module.norm)
+                module.norm = nn.Identity()
+        return self.to(memory_format=torch.channels_last)
 
     def forward(self, rgb: Tensor) -> Tensor:
         x = self.stem((rgb - 127.0) / 128.0)

@@ -1,0 +1,147 @@
+"""Which camera sees which point: projection, what hides it, and the best of several views (UP-VL, Section 3.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import minimum_filter1d
+
+from upvl_cli.geometry.camera import project
+from upvl_cli.geometry.se3 import apply, inverse
+from upvl_cli.types import Array, Bools, Camera, Floats, Ints
+
+SEEN, OCCLUDED, NO_VIEW = 0, 1, 2
+NO_CAMERA = -1
+_CELL_PX = 2.0  # of the grid that holds the nearest depth
+
+
+class View(NamedTuple):
+    """How one camera sees the points of a sweep.
+
+    Attributes:
+        uv_px: (n, 2) where each appears; NaN for those behind the camera.
+        state: (n,) `SEEN`, `OCCLUDED` or `NO_VIEW`.
+        inset_px: (n,) how far inside of the picture's border; negative outside.
+    """
+
+    uv_px: Floats
+    state: Ints
+    inset_px: Floats
+
+
+def view(
+    camera: Camera, xyz_ego_m: Array, *, border_px: float, gap_deg: float, closer_m: float, closer_share: float
+) -> View:
+    """See points through one camera.
+
+    A point is hidden when surfaces that are closer surround it: above and below, or left and right. So the far
+    side of a car, which the LiDAR looks at over its roof, is hidden, but the road before a car is not, though
+    whatever lies below it in the picture is closer.
+
+    Args:
+        camera: The camera.
+        xyz_ego_m: (n, 3) points in ego axes at the time of the picture.
+        border_px: Nearer than this to the picture's border a point counts as out of view.
+        gap_deg: Points of one surface are not farther apart than this, as the camera sees them.
+        closer_m: What hides a point is closer by this much,
+        closer_share: and by this share of the point's depth.
+    """
+    uv, depth_m, inside = project(camera, xyz_ego_m)
+    size_px = np.array([camera.width_px, camera.height_px])
+    inset = np.minimum(uv + 0.5, size_px - 0.5 - uv).min(axis=1)
+    inset = np.where(np.isfinite(inset), inset, -np.inf)
+    inside &= inset >= border_px
+    state = np.full(len(uv), NO_VIEW, dtype=np.int8)
+    state[inside] = SEEN
+    gap_px = np.deg2rad(gap_deg) * camera.intrinsic[0, 0]
+    limit_m = depth_m[inside] - closer_m - closer_share * depth_m[inside]
+    state[np.flatnonzero(inside)[_surrounded(uv[inside], depth_m[inside], limit_m, gap_px)]] = OCCLUDED
+    return View(uv, state, inset)
+
+
+def _surrounded(uv_px: Floats, depth_m: Floats, limit_m: Floats, gap_px: float) -> Bools:
+    """(n,) whether there is something nearer than the limit on both sides of a point, in one of two directions."""
+    if not len(uv_px):
+        return np.zeros(0, dtype=np.bool_)
+    column, row = ((uv_px + 0.5) / _CELL_PX).astype(np.int64).T + 1
+    nearest = np.full((row.max() + 3, column.max() + 3), np.inf)
+    np.minimum.at(nearest, (row, column), depth_m)
+    reach = max(1, round(gap_px / _CELL_PX))
+    hidden = np.zeros(len(row), dtype=np.bool_)
+    for axis in (0, 1):
+        # A beam is not quite level in the picture: its neighbours may lie a cell to the side.
+        around = minimum_filter1d(nearest, 3, axis=1 - axis, mode="constant", cval=np.inf)
+        sides = [_before(around, reach, axis), np.flip(_before(np.flip(around, axis), reach, axis), axis)]
+        hidden |= np.all([side[row, column] < limit_m for side in sides], axis=0)
+    return hidden
+
+
+def _before(nearest: Floats, reach: int, axis: int) -> Floats:
+    """For each cell the least of the `reach` cells before it along an axis, without itself."""
+    least = np.full_like(nearest, np.inf)
+    for step in range(1, reach + 1):
+        here, there = [slice(None)] * 2, [slice(None)] * 2
+        here[axis], there[axis] = slice(step, None), slice(None, -step)
+        least[tuple(here)] = np.minimum(least[tuple(here)], nearest[tuple(there)])
+    return least
+
+
+class Choice(NamedTuple):
+    """The best view of each point.
+
+    Attributes:
+        state: (n,) `SEEN` by at least one camera, else `OCCLUDED` in at least one, else `NO_VIEW`.
+        camera: (n,) which camera sees it best, `NO_CAMERA` where none does.
+    """
+
+    state: Ints
+    camera: Ints
+
+
+def best(views: Sequence[View], points: int) -> Choice:
+    """Of several cameras that see a point, the one in whose picture it lies farthest from the border."""
+    if not views:
+        return Choice(np.full(points, NO_VIEW, np.int8), np.full(points, NO_CAMERA, np.int8))
+    states = np.array([one.state for one in views])
+    inset = np.where(states == SEEN, [one.inset_px for one in views], -np.inf)
+    seen = (states == SEEN).any(axis=0)
+    camera = np.where(seen, inset.argmax(axis=0), NO_CAMERA)
+    return Choice(states.min(axis=0).astype(np.int8), camera.astype(np.int8))
+
+
+def at_time(
+    xyz_ego_m: Array, velocity_mps: Array | None, late_s: float, world_from_frame: Array, world_from_image: Array
+) -> Floats:
+    """(n, 3) the points of a sweep in the ego axes of the moment at which a picture was taken.
+
+    Args:
+        xyz_ego_m: (n, 3) points in ego axes at the time of the frame.
+        velocity_mps: (n, 3) their motion over the ground in the same axes; None lets them stand.
+        late_s: How long after the frame the picture was taken.
+        world_from_frame: (4, 4) pose of the frame.
+        world_from_image: (4, 4) pose at the time of the picture.
+    """
+    moved = xyz_ego_m if velocity_mps is None else xyz_ego_m + velocity_mps * late_s
+    return np.asarray(apply(inverse(world_from_image) @ world_from_frame, moved))
+
+
+def sampled(cells: Array, uv_px: Floats, width_px: int, height_px: int) -> Floats:
+    """(n, d) features at pixels, bilinear between cells.
+
+    Args:
+        cells: (h', w', d) features that cover the picture evenly.
+        uv_px: (n, 2) pixels.
+        width_px: Width of the picture.
+        height_px: Height of the picture.
+    """
+    high, wide = cells.shape[:2]
+    x = np.clip((uv_px[:, 0] + 0.5) * wide / width_px - 0.5, 0, wide - 1)
+    y = np.clip((uv_px[:, 1] + 0.5) * high / height_px - 0.5, 0, high - 1)
+    left, top = np.minimum(x.astype(np.int64), max(wide - 2, 0)), np.minimum(y.astype(np.int64), max(high - 2, 0))
+    right, bottom = np.minimum(left + 1, wide - 1), np.minimum(top + 1, high - 1)
+    across, down = ((x - left)[:, None]).astype(np.float32), ((y - top)[:, None]).astype(np.float32)
+    upper = cells[top, left] * (1 - across) + cells[top, right] * across
+    lower = cells[bottom, left] * (1 - across) + cells[bottom, right] * across
+    return np.asarray(upper * (1 - down) + lower * down)
