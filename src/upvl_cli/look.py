@@ -36,32 +36,42 @@ def draw_frame(workspace: Workspace, segment: str, frame: int | None) -> Iterato
         BadSetting: The drive has no such frame.
         NotMade: The drive has not been labelled.
     """
-    labels = _table(workspace, "nms", segment)
-    if frame is None and len(labels):
-        frame = labels.frames[len(labels) // 2]
-    if frame not in labels.frames:
-        span = f"{labels.frames[0]} to {labels.frames[-1]}" if len(labels) else "no frame at all"
-        raise BadSetting(f"{segment} has no frame {frame}: it has {span}")
+    labels = table_of(workspace, "nms", segment)
+    frame = chosen_frame(labels, segment, frame)
     stem = workspace.out / "draw" / f"{segment}-{frame:06d}"
-    yield _save(_from_above(workspace, segment, frame, labels), stem.with_name(f"{stem.name}-above.png"))
+    yield save(_from_above(workspace, segment, frame, labels), stem.with_name(f"{stem.name}-above.png"))
     drive = workspace.drive(segment)
     for camera in drive.cameras:
         image = drive.image(frame, camera.name)
         if image is not None:
             picture = camera_view(image.rgb, camera, labels[frame].boxes)
-            yield _save(picture, stem.with_name(f"{stem.name}-{camera.name}.png"))
+            yield save(picture, stem.with_name(f"{stem.name}-{camera.name}.png"))
+
+
+def chosen_frame(table: Table, segment: str, frame: int | None) -> int:
+    """The frame that was asked for, or the middle one.
+
+    Raises:
+        BadSetting: The drive has no such frame.
+    """
+    if frame is None and len(table):
+        frame = table.frames[len(table) // 2]
+    if frame is None or frame not in table.frames:
+        span = f"{table.frames[0]} to {table.frames[-1]}" if len(table) else "no frame at all"
+        raise BadSetting(f"{segment} has no frame {frame}: it has {span}")
+    return frame
 
 
 def _from_above(workspace: Workspace, segment: str, frame: int, labels: Table) -> Image:
-    ground = _table(workspace, "ground", segment)[frame]
-    mask = _table(workspace, "mask", segment)[frame]
+    ground = table_of(workspace, "ground", segment)[frame]
+    mask = table_of(workspace, "mask", segment)[frame]
     state = np.where(mask.is_moving, 2, np.where(ground.is_ground, 0, 1))
     return birds_eye(
         VIEW,
         workspace.drive(segment).points(frame).xyz_ego_m,
         state,
         labels[frame].boxes,
-        _tails(labels, _table(workspace, "odometry", segment), frame),
+        _tails(labels, table_of(workspace, "odometry", segment), frame),
         f"{segment}  frame {frame}  {len(labels[frame].seven)} boxes",
     )
 
@@ -80,11 +90,13 @@ def _tails(labels: Table, poses: Table, frame: int) -> dict[int, Array]:
     return {track_id: np.array(tail) for track_id, tail in tails.items()}
 
 
-def _table(workspace: Workspace, stage: str, segment: str) -> Table:
+def table_of(workspace: Workspace, stage: str, segment: str) -> Table:
+    """The rows of a stage, whatever settings they were made with."""
     return Table(workspace.shard(stage, segment), BY_NAME[stage].row)
 
 
-def _save(image: Image, path: Path) -> Path:
+def save(image: Image, path: Path) -> Path:
+    """Write a picture as PNG; returns its path."""
     with whole(path) as file:
         image.save(file, format="PNG")
     return path

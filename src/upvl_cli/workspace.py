@@ -168,7 +168,9 @@ class Workspace:
         from upvl_cli.tables import footer_digest
 
         sources = self.sources(stage, segment)
-        made_from = {name: footer_digest(path) for name, path in sources if name.partition("/")[0] not in NO_STAGES}
+        made_from = {
+            name: footer_digest(path) for name, path in sources if name.partition("/")[0] not in NO_STAGES
+        }
         drives = self.segments if stage.whole else (segment,)
         raw = {"raw": self._adapter() | {"content": self._content(drives)}}
         return _text(self._makers(stage, settings) | raw | {"inputs": made_from})

@@ -91,7 +91,7 @@ def test_features_are_those_of_the_part_that_the_picture_fills(folder: Path) -> 
 
 def test_text_of_another_length_is_one_clear_line(folder: Path) -> None:
     export(folder, dim=12)
-    with pytest.raises(BadInput):
+    with pytest.raises(BadInput, match="takes words of 12 numbers and text/ gives 10"):
         OpenSeg(str(folder)).embed_image(np.zeros((4, 4, 3), np.uint8))
 
 

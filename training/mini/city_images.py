@@ -38,7 +38,9 @@ def render(folder: Path, number: int, every: int) -> int:
     )
     without = (*usual.held_out, *(COMMON if rare else ()))
     drive = CityDrive(name=f"mini-{number}", seed=(SEED, number), without=without, settings=settings)
-    of_name = np.array([NAMES.index(name) for name in drive.scene.names] + [NAMES.index("sky")], dtype=np.uint8)
+    of_name = np.array(
+        [NAMES.index(name) for name in drive.scene.names] + [NAMES.index("sky")], dtype=np.uint8
+    )
     written = 0
     for frame in range(int(rng.integers(every)), FRAMES, every):
         for camera in drive.cameras:

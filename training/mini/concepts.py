@@ -49,7 +49,10 @@ def load(text: MiniText, camvid: Path) -> Concepts:
     of_city = {name: place for place, concept in enumerate(concepts) for name in concept["city"]}
     parents = sorted({word for concept in concepts for word in concept.get("parents", ())})
     parent_of = np.array(
-        [[word in concept.get("parents", ()) or word in concept["words"] for concept in concepts] for word in parents]
+        [
+            [word in concept.get("parents", ()) or word in concept["words"] for concept in concepts]
+            for word in parents
+        ]
     )
     return Concepts(
         names,

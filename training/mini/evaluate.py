@@ -28,7 +28,10 @@ class Score(NamedTuple):
 def camvid_miou(network: MiniNetwork, text: MiniText, root: Path, split: str, every: int = 1) -> Score:
     """Score the pictures of a split."""
     classes = [line for line in (root / "classes.txt").read_text().splitlines() if line][:11]
-    kept = {concept.get("camvid"): concept["test"] for concept in reversed(tomllib.loads(WORDS.read_text()).values())}
+    kept = {
+        concept.get("camvid"): concept["test"]
+        for concept in reversed(tomllib.loads(WORDS.read_text()).values())
+    }
     rounds = [classes, *([kept[name][turn % len(kept[name])] for name in classes] for turn in range(3))]
     tables = [torch.tensor(text.embed(words)) for words in rounds]
     confusion = np.zeros((len(rounds), 11, 11), dtype=np.int64)
@@ -42,10 +45,14 @@ def camvid_miou(network: MiniNetwork, text: MiniText, root: Path, split: str, ev
             features = network(functional.pad(rgb, pad, mode="replicate"))
             for number, table in enumerate(tables):
                 likeness = torch.einsum("ndhw,kd->nkhw", features, table)
-                full = functional.interpolate(likeness, scale_factor=CELL, mode="bilinear")[..., :height, :width]
+                full = functional.interpolate(likeness, scale_factor=CELL, mode="bilinear")[
+                    ..., :height, :width
+                ]
                 named = full.argmax(1)[0].numpy()
                 known = label < 11
-                confusion[number] += np.bincount(label[known] * 11 + named[known], minlength=121).reshape(11, 11)
+                confusion[number] += np.bincount(label[known] * 11 + named[known], minlength=121).reshape(
+                    11, 11
+                )
     return Score(
         float(iou(confusion[0]).mean()), float(np.mean([iou(c).mean() for c in confusion[1:]])),
         tuple(np.round(iou(confusion[0]), 3).tolist()),

@@ -20,7 +20,14 @@ DOING = (
     "with an umbrella", "in a wheelchair", "on a scooter", "on a skateboard", "in a red jacket", "in a yellow vest",
     "with a suitcase", "on a bench", "on the sidewalk", "on the road", "with a helmet", "wearing a hat",
 )  # fmt: skip
-WHERE = ("on the road", "on the sidewalk", "by the roadside", "in a driveway", "at the kerb", "with open doors")
+WHERE = (
+    "on the road",
+    "on the sidewalk",
+    "by the roadside",
+    "in a driveway",
+    "at the kerb",
+    "with open doors",
+)
 
 
 def phrases() -> list[str]:

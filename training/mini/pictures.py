@@ -29,7 +29,9 @@ def camvid(root: Path, splits: tuple[str, ...]) -> list[Picture]:
     for split in splits:
         for path in sorted((root / split).glob("*.jpg")):
             label = np.asarray(Image.open(root / f"{split}annot" / f"{path.stem}.png"))
-            found.append(Picture(_rgb(path), Image.fromarray(np.where(label < 11, label, VOID).astype(np.uint8))))
+            found.append(
+                Picture(_rgb(path), Image.fromarray(np.where(label < 11, label, VOID).astype(np.uint8)))
+            )
     return found
 
 
@@ -52,7 +54,9 @@ def _rgb(path: Path) -> Image.Image:
 class Crops(IterableDataset[tuple[Array, Array]]):
     """Endless random crops: scale, place, mirror, light, colour and blur by chance."""
 
-    def __init__(self, pictures: list[Picture], size: tuple[int, int], scales: tuple[float, float], seed: int):
+    def __init__(
+        self, pictures: list[Picture], size: tuple[int, int], scales: tuple[float, float], seed: int
+    ):
         self.pictures, self.size, self.scales, self.seed = pictures, size, scales, seed
 
     def __iter__(self):
@@ -72,9 +76,13 @@ class Crops(IterableDataset[tuple[Array, Array]]):
         top = rng.uniform(min(0, picture.rgb.height - part_h), max(0, picture.rgb.height - part_h))
         box = (left, top, left + part_w, top + part_h)
         placed = (part_w / width, 0, left, 0, part_h / height, top)
-        inside = Image.new("L", picture.label.size, 1).transform((width, height), Image.Transform.AFFINE, placed)
+        inside = Image.new("L", picture.label.size, 1).transform(
+            (width, height), Image.Transform.AFFINE, placed
+        )
         rgb = picture.rgb.transform((width, height), Image.Transform.AFFINE, placed, Image.Resampling.BICUBIC)
-        label = picture.label.transform((width, height), Image.Transform.AFFINE, placed, Image.Resampling.NEAREST)
+        label = picture.label.transform(
+            (width, height), Image.Transform.AFFINE, placed, Image.Resampling.NEAREST
+        )
         pixels = np.asarray(self.lit(rgb, rng)).astype(np.float32)
         classes = np.where(np.asarray(inside) > 0, np.asarray(label), VOID)
         if rng.random() < 0.5:

@@ -50,14 +50,20 @@ class Lesson:
     def __init__(self, concepts: Concepts, text: MiniText, names: list[str], counts: np.ndarray, seed: int):
         self.concepts, self.rng = concepts, np.random.default_rng(seed)
         self.centres = torch.tensor(concepts.centres)
-        self.of_city = torch.tensor([concepts.of_city.get(name, -1) for name in names] + [-1] * (256 - len(names)))
+        self.of_city = torch.tensor(
+            [concepts.of_city.get(name, -1) for name in names] + [-1] * (256 - len(names))
+        )
         self.shows = torch.tensor(concepts.camvid)
         self.first = torch.tensor(concepts.camvid_first)
         self.parents = torch.tensor(concepts.parent_vectors), torch.tensor(concepts.parent_of).float()
         self.strangers = text.embed(NEUTRAL)
         camvid_weight, city_weight = (1 / np.sqrt(np.maximum(c / c.sum(), 1e-4)) for c in counts)
-        self.weight_camvid = torch.tensor(np.clip(camvid_weight / np.average(camvid_weight, weights=counts[0]), 0.3, 4)).float()
-        self.weight_city = torch.tensor(np.clip(city_weight / np.average(city_weight, weights=counts[1]), 0.3, 5)).float()
+        self.weight_camvid = torch.tensor(
+            np.clip(camvid_weight / np.average(camvid_weight, weights=counts[0]), 0.3, 4)
+        ).float()
+        self.weight_city = torch.tensor(
+            np.clip(city_weight / np.average(city_weight, weights=counts[1]), 0.3, 5)
+        ).float()
 
     def words(self) -> Tensor:
         """(k, d): for each concept its first word, the mean of its words, or any of them."""
@@ -65,14 +71,20 @@ class Lesson:
         for vectors, centre in zip(self.concepts.vectors, self.concepts.centres, strict=True):
             chance = self.rng.random()
             drawn.append(
-                vectors[0] if chance < 0.35 else centre if chance < 0.6 else vectors[self.rng.integers(len(vectors))]
+                vectors[0]
+                if chance < 0.35
+                else centre
+                if chance < 0.6
+                else vectors[self.rng.integers(len(vectors))]
             )
         return torch.tensor(unit(np.array(drawn)))
 
     def __call__(self, features: Tensor, label: Tensor, of_camvid: Tensor) -> Tensor:
         """Features (n, d, h / 4, w / 4), labels (n, h, w), and which of the n are of CamVid."""
         place = torch.rand(len(features), PIXELS, 2) * 2 - 1
-        at = functional.grid_sample(features, place[:, None], align_corners=False, padding_mode="border")[:, :, 0]
+        at = functional.grid_sample(features, place[:, None], align_corners=False, padding_mode="border")[
+            :, :, 0
+        ]
         at = functional.normalize(at.transpose(1, 2), dim=2)
         height, width = label.shape[1:]
         row = ((place[..., 1] + 1) / 2 * height).long().clamp(max=height - 1)
@@ -130,7 +142,10 @@ def trunk(network: MiniNetwork, path: Path) -> None:
 
     def take(ours, conv: str, norm: str) -> None:
         ours.conv.load_state_dict({"weight": theirs[f"{conv}.weight"]})
-        ours.norm.load_state_dict({key: theirs[f"{norm}.{key}"] for key in ours.norm.state_dict() if f"{norm}.{key}" in theirs}, strict=False)
+        ours.norm.load_state_dict(
+            {key: theirs[f"{norm}.{key}"] for key in ours.norm.state_dict() if f"{norm}.{key}" in theirs},
+            strict=False,
+        )
 
     take(network.stem, "_conv_stem", "_bn0")
     for number, block in enumerate(blocks):
@@ -213,7 +228,10 @@ def main() -> None:
         step += 1
         keep = min(0.995, (step + 1) / (step + 10))
         with torch.no_grad():
-            ours = {name.replace(".look.conv.conv.", ".look.conv."): value for name, value in network.state_dict().items()}
+            ours = {
+                name.replace(".look.conv.conv.", ".look.conv."): value
+                for name, value in network.state_dict().items()
+            }
             for name, value in shadow.state_dict().items():
                 if value.dtype.is_floating_point:
                     value.lerp_(ours[name], 1 - keep)

@@ -25,9 +25,7 @@ class Votes:
         self._kind_of_word = np.asarray(kind_of_word)
         self._votes: dict[int, Ints] = {}
 
-    def add(
-        self, boxes: Array, track_id: Ints, xyz_m: Array, cosines: Callable[[Ints], Floats]
-    ) -> None:
+    def add(self, boxes: Array, track_id: Ints, xyz_m: Array, cosines: Callable[[Ints], Floats]) -> None:
         """Count the votes of the points in the boxes of one frame.
 
         Args:

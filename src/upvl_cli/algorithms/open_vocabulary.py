@@ -53,7 +53,9 @@ class Basis:
         """(n, t) cosine of each of (n, KEPT) rounded features with each of (t, d) words of length 1."""
         values = self.values(codes)
         dot = values @ (self.components @ words.T) + self.mean @ words.T
-        square = self.mean @ self.mean + 2 * values @ (self.components @ self.mean) + (values * values).sum(axis=1)
+        square = (
+            self.mean @ self.mean + 2 * values @ (self.components @ self.mean) + (values * values).sum(axis=1)
+        )
         return np.asarray(dot / np.sqrt(np.maximum(square, 1e-12))[:, None], dtype=np.float32)
 
 
@@ -97,5 +99,3 @@ def background_score(cosines: Floats, against: Floats) -> Floats:
     """
     score = cosines.max(axis=1, initial=-1)
     return np.asarray(score - against.max(axis=1) if against.shape[1] else score)
-
-

@@ -32,7 +32,13 @@ class View(NamedTuple):
 
 
 def view(
-    camera: Camera, xyz_ego_m: Array, *, border_px: float, gap_deg: float, closer_m: float, closer_share: float
+    camera: Camera,
+    xyz_ego_m: Array,
+    *,
+    border_px: float,
+    gap_deg: float,
+    closer_m: float,
+    closer_share: float,
 ) -> View:
     """See points through one camera.
 
@@ -112,7 +118,11 @@ def best(views: Sequence[View], points: int) -> Choice:
 
 
 def at_time(
-    xyz_ego_m: Array, velocity_mps: Array | None, late_s: float, world_from_frame: Array, world_from_image: Array
+    xyz_ego_m: Array,
+    velocity_mps: Array | None,
+    late_s: float,
+    world_from_frame: Array,
+    world_from_image: Array,
 ) -> Floats:
     """(n, 3) the points of a sweep in the ego axes of the moment at which a picture was taken.
 
@@ -139,7 +149,10 @@ def sampled(cells: Array, uv_px: Floats, width_px: int, height_px: int) -> Float
     high, wide = cells.shape[:2]
     x = np.clip((uv_px[:, 0] + 0.5) * wide / width_px - 0.5, 0, wide - 1)
     y = np.clip((uv_px[:, 1] + 0.5) * high / height_px - 0.5, 0, high - 1)
-    left, top = np.minimum(x.astype(np.int64), max(wide - 2, 0)), np.minimum(y.astype(np.int64), max(high - 2, 0))
+    left, top = (
+        np.minimum(x.astype(np.int64), max(wide - 2, 0)),
+        np.minimum(y.astype(np.int64), max(high - 2, 0)),
+    )
     right, bottom = np.minimum(left + 1, wide - 1), np.minimum(top + 1, high - 1)
     across, down = ((x - left)[:, None]).astype(np.float32), ((y - top)[:, None]).astype(np.float32)
     upper = cells[top, left] * (1 - across) + cells[top, right] * across

@@ -91,4 +91,5 @@ STAGE = Stage(
     params=ExtractVlParams,
     row=ExtractVlRow,
     reads=("raw", "vlm", "pca", "odometry", "flow"),
+    large=True,
 )

@@ -28,7 +28,9 @@ class MaskParams:
         "a point without a feature is an object's: if it moves, always, never",
         choices=("moving", "keep", "drop"),
     )
-    no_view_mps: float = param("where that asks whether it moves: from this speed on", "m/s", least=0, most=200)
+    no_view_mps: float = param(
+        "where that asks whether it moves: from this speed on", "m/s", least=0, most=200
+    )
 
 
 @dataclass(frozen=True)

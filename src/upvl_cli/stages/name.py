@@ -52,7 +52,12 @@ def run(inputs: Inputs, params: NameParams) -> Iterator[NameRow]:
         seen = np.flatnonzero(of.state == SEEN)
         if len(seen) and len(row.seven):
             xyz = inputs.drive.points(row.frame).xyz_ego_m[seen]
-            votes.add(row.seven, row.track_id, xyz, lambda chosen, of=of: fitted.basis.cosines(of.feature[chosen], words))
+            votes.add(
+                row.seven,
+                row.track_id,
+                xyz,
+                lambda chosen, of=of: fitted.basis.cosines(of.feature[chosen], words),
+            )
     for row in labels:
         kind, word, share = votes.of(row.track_id)
         for number, what in ((1, "vehicles"), (2, "pedestrians"), (4, "cyclists"), (OTHER, "others")):

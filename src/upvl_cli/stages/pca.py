@@ -38,9 +38,7 @@ class PcaRow(Row):
         """The basis itself."""
         from upvl_cli.algorithms.open_vocabulary import Basis
 
-        return Basis(
-            self.mean, self.components.reshape(-1, len(self.mean)), self.scale, self.variance_kept
-        )
+        return Basis(self.mean, self.components.reshape(-1, len(self.mean)), self.scale, self.variance_kept)
 
 
 def run(inputs: Inputs, params: PcaParams) -> Iterator[PcaRow]:
@@ -70,9 +68,7 @@ def run(inputs: Inputs, params: PcaParams) -> Iterator[PcaRow]:
 
     basis = fit(features(), inputs.model.dim)
     inputs.count("percent of the variance kept", round(100 * basis.variance_kept))
-    yield PcaRow(
-        inputs.segment, 0, basis.mean, basis.components.ravel(), basis.scale, basis.variance_kept
-    )
+    yield PcaRow(inputs.segment, 0, basis.mean, basis.components.ravel(), basis.scale, basis.variance_kept)
 
 
 STAGE = Stage(name="pca", run=run, params=PcaParams, row=PcaRow, reads=("raw", "vlm"), whole=True)

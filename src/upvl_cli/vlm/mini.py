@@ -28,7 +28,9 @@ def files(weights: str) -> tuple[Path, ...]:
         BadSetting: Weights are named, though it has its own.
     """
     if weights:
-        raise BadSetting(f'vlm.toml: model = "mini:{weights}": mini brings its own weights; write model = "mini"')
+        raise BadSetting(
+            f'vlm.toml: model = "mini:{weights}": mini brings its own weights; write model = "mini"'
+        )
     return tuple(WEIGHTS / name for name in FILES)
 
 

@@ -25,7 +25,9 @@ _WIDE, _NARROW = 128, 64
 class _Conv(nn.Module):
     """A convolution, its norm, and its cut at 6 where it has one."""
 
-    def __init__(self, before: int, after: int, kernel: int, *, stride: int = 1, groups: int = 1, cut: bool = True):
+    def __init__(
+        self, before: int, after: int, kernel: int, *, stride: int = 1, groups: int = 1, cut: bool = True
+    ):
         super().__init__()
         self.conv = nn.Conv2d(before, after, kernel, stride, kernel // 2, groups=groups, bias=False)
         self.norm = nn.BatchNorm2d(after, eps=1e-3, momentum=0.01)
@@ -70,7 +72,11 @@ class MiniNetwork(nn.Module):
         fine, middle, coarse, whole = (_STAGES[number][0] for number in _FEEDS)
         self.scene = nn.Conv2d(whole, _WIDE, 1)
         self.sides = nn.ModuleList(
-            [_Conv(whole, _WIDE, 1, cut=False), _Conv(coarse, _WIDE, 1, cut=False), _Conv(middle, _WIDE, 1, cut=False)]
+            [
+                _Conv(whole, _WIDE, 1, cut=False),
+                _Conv(coarse, _WIDE, 1, cut=False),
+                _Conv(middle, _WIDE, 1, cut=False),
+            ]
         )
         self.mixes = nn.ModuleList([_Conv(_WIDE, _WIDE, 3) for _ in self.sides])
         self.fine = _Conv(fine, _NARROW, 1, cut=False)

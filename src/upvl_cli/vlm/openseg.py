@@ -98,11 +98,6 @@ class OpenSeg:
         info = outputs[INFO].numpy()
         high, wide = (round(float(side)) for side in info[0] * info[2])
         features = np.array(outputs[REGIONS][0, :high, :wide].numpy(), dtype=np.float32)
-        if features.shape[2] != self.dim:
-            raise BadInput(
-                f"{self._folder}: pictures have {features.shape[2]} numbers and words {self.dim}; "
-                "expected the text tower that OpenSeg was trained with in text/"
-            )
         outside = ~features.any(axis=2)
         features[outside] = outputs[PIXELS][0, :high, :wide].numpy()[outside]
         return features
@@ -127,5 +122,11 @@ class OpenSeg:
         if missing:
             raise BadInput(
                 f"{self._folder}: its {SIGNATURE} lacks {', '.join(sorted(missing))}; expected OpenSeg's"
+            )
+        length = inputs["inp_text_emb"].shape[-1]
+        if length not in (self.dim, None):  # None: it does not say
+            raise BadInput(
+                f"{self._folder}: takes words of {length} numbers and text/ gives {self.dim}; "
+                "expected the text tower that OpenSeg was trained with, CLIP ViT-L/14@336px"
             )
         return model

@@ -1,0 +1,35 @@
+"""The `upvl` command: one sub-command a stage, built from its declaration, and the one error handler."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+from typer.exceptions import TyperException
+
+from upvl_cli.cli import labelling, looking, scoring
+from upvl_cli.cli.application import app
+from upvl_cli.errors import UpvlError, one_line
+
+# Each adds its commands to the application when it is imported; they stand in help in this order.
+COMMANDS = (labelling, looking, scoring)
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run one command; returns the exit code: 0, 2 for what a user can mend, 130 when a person stops it.
+
+    Args:
+        arguments: The words after `upvl`; none at all asks for help.
+    """
+    try:
+        # Not "standalone": typer would frame its messages over several lines.
+        return app(list(arguments) or ["--help"], prog_name="upvl", standalone_mode=False) or 0
+    except UpvlError as error:
+        print(f"upvl: {one_line(error)}", file=sys.stderr)
+    except TyperException as error:
+        context = getattr(error, "ctx", None)
+        path = context.command_path if context else "upvl"
+        message = getattr(error, "format_message", error.__str__)()
+        if message.strip():  # without a sub-command the help says all there is to say
+            print(f"upvl: {' '.join(message.split())} (see: {path} --help)", file=sys.stderr)
+    return 2

@@ -1,0 +1,39 @@
+"""The application, and the options that commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from upvl_cli.workspace import Workspace
+
+app = typer.Typer(
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="Unsupervised 3D perception: from raw drives to auto labels, without a single 3D human label.",
+)
+
+Segments = Annotated[
+    list[str] | None,
+    typer.Option("--segment", "-s", help="Only this drive; can be given again.", metavar="NAME"),
+]
+OneSegment = Annotated[str | None, typer.Argument(help="The drive; all of them when left out.")]
+OneFrame = Annotated[int | None, typer.Option(help="The frame; the middle one when left out.")]
+DryRun = Annotated[
+    bool, typer.Option("--dry-run", help="Foretell the size of the shards from a few frames, and make none.")
+]
+Workers = Annotated[int, typer.Option(min=1, help="Processes that share the drives between them.")]
+
+
+@app.callback()
+def workspace_options(
+    context: typer.Context,
+    stages: Annotated[Path, typer.Option(envvar="UPVL_STAGES", help="Folder of the settings.")] = Path(
+        "stages"
+    ),
+    out: Annotated[Path, typer.Option(envvar="UPVL_OUT", help="Folder of the results.")] = Path("out"),
+) -> None:
+    """Take the folders of the workspace; commands run in it and need no path."""
+    context.obj = Workspace(stages, out)

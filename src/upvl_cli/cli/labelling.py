@@ -1,0 +1,187 @@
+"""Commands that make labels, one a stage and one for all, and what tells of them."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from upvl_cli.cli.application import DryRun, Segments, Workers, app
+from upvl_cli.errors import BadSetting
+from upvl_cli.stage import Param, Stage, params_of
+from upvl_cli.stages import STAGES
+from upvl_cli.workspace import Workspace
+
+MOVING_ONLY = "moving-only"  # the preset of those labels
+
+
+def _stage_command(stage: Stage) -> Callable[..., None]:
+    """A command whose options are the settings of a stage."""
+
+    def command(
+        context: typer.Context,
+        segment: list[str] | None = None,
+        workers: int = 1,
+        dry_run: bool = False,
+        **values: Any,
+    ) -> None:
+        overrides = {name: value for name, value in values.items() if value is not None}
+        if dry_run:
+            foretell(context.obj, stage, segment, overrides)
+            return
+        label(context.obj, [stage], segment, workers=workers, overrides=overrides)
+
+    fixed: list[tuple[str, Any, Any]] = [("context", typer.Context, None)]
+    if not stage.whole:
+        fixed += [("segment", Segments, None), ("workers", Workers, 1)]
+    if stage.large:
+        fixed.append(("dry_run", DryRun, False))
+    options = [
+        (name, (list[str] if kind == tuple[str, ...] else kind) | None, _option(spec))
+        for name, (kind, spec) in params_of(stage.params).items()
+    ]
+    parameters = [
+        inspect.Parameter(
+            name,
+            inspect.Parameter.KEYWORD_ONLY,
+            annotation=annotation,
+            default=inspect.Parameter.empty if annotation is typer.Context else default,
+        )
+        for name, annotation, default in [*fixed, *options]
+    ]
+    command.__name__ = stage.name
+    command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    return command
+
+
+def _option(spec: Param) -> Any:
+    # Round brackets: rich takes square ones for its own marks and swallows them.
+    notes = ", ".join(part for part in (spec.unit, spec.bounds) if part)
+    text = spec.meaning + (f" ({notes})" if notes else "")
+    return typer.Option(None, help=text, show_default="as in the TOML file", rich_help_panel="Settings")
+
+
+for _stage in STAGES:
+    app.command(_stage.name, help=_stage.summary, rich_help_panel="Stages")(_stage_command(_stage))
+
+
+@app.command()
+def autolabel(
+    context: typer.Context,
+    moving_only: Annotated[
+        bool | None,
+        typer.Option("--moving-only/--all-motion", help="Label what moves, or parked objects as well."),
+    ] = None,
+    segment: Segments = None,
+    workers: Workers = 1,
+) -> None:
+    """Label the drives: all stages in order, then a summary."""
+    if moving_only is None:
+        raise BadSetting("say which objects to label: upvl autolabel --moving-only, or --all-motion")
+    from upvl_cli.sweep import checked_preset, remember
+
+    given: Workspace = context.obj
+    preset = checked_preset(given.stages, MOVING_ONLY) if moving_only else ""
+    context.obj = Workspace(given.stages, given.out, preset)
+    remember(context.obj)
+    label(context.obj, STAGES, segment, workers=workers, overrides={})
+    summary(context)
+
+
+def label(
+    workspace: Workspace,
+    stages: Sequence[Stage],
+    segments: Sequence[str] | None,
+    *,
+    workers: int,
+    overrides: Mapping[str, Any],
+) -> None:
+    """Run stages with a progress display on a terminal, and a line a shard elsewhere."""
+    from upvl_cli.progress import Progress
+    from upvl_cli.runner import run_all
+
+    chosen = segments or list(workspace.segments)
+    for name in chosen:
+        workspace.check_name(name, workspace.segments)
+    with Progress(sum(1 if stage.whole else len(chosen) for stage in stages)) as progress:
+        for made in run_all(
+            workspace, stages, chosen, overrides=overrides, workers=workers, tick=progress.tick
+        ):
+            progress.done(made)
+
+
+def foretell(
+    workspace: Workspace, stage: Stage, segments: Sequence[str] | None, overrides: Mapping[str, Any]
+) -> None:
+    """Say how large the shards of a stage will be."""
+    from upvl_cli.forecast import forecast
+
+    settings = workspace.with_values(stage, overrides)
+    total = 0
+    for name in segments or workspace.segments:
+        workspace.check_name(name, workspace.segments)
+        size, each = forecast(workspace, stage, name, settings)
+        total += size
+        print(f"{name}: {size / 1e6:.1f} MB ({each / 1e6:.2f} MB a frame)")
+    print(f"{stage.name}: {total / 1e6:.1f} MB in all; nothing was made")
+
+
+@app.command()
+def summary(context: typer.Context) -> None:
+    """Tell what the auto labels hold and what was dropped, and why."""
+    from upvl_cli.summary import lines
+
+    for line in lines(context.obj):
+        print(line)
+
+
+@app.command()
+def segments(context: typer.Context) -> None:
+    """List the drives of the workspace."""
+    for name in context.obj.segments:
+        print(name)
+
+
+@app.command()
+def status(context: typer.Context) -> None:
+    """Tell which shards are fresh, stale or missing."""
+    from rich.console import Console
+
+    from upvl_cli.progress import status_table
+    from upvl_cli.status import status as statuses
+
+    Console().print(status_table(statuses(context.obj)))
+
+
+@app.command()
+def plan(context: typer.Context) -> None:
+    """Write the rules and marks that make follows."""
+    from upvl_cli.plan import plan as write_plan
+
+    write_plan(context.obj)
+
+
+@app.command()
+def docs(
+    context: typer.Context,
+    page: Annotated[Path, typer.Argument(help="The page to write.")] = Path("docs/pipeline.md"),
+) -> None:
+    """Write the page that documents the stages."""
+    from upvl_cli.plan import page as text
+    from upvl_cli.workspace import write_if_changed
+
+    write_if_changed(page, text(STAGES, context.obj.stages))
+
+
+@app.command()
+def init(folder: Annotated[Path, typer.Argument(help="Folder of the new workspace.")]) -> None:
+    """Make a new workspace for your own drives."""
+    from upvl_cli.template import create
+
+    create(folder)
+    print(
+        f"{folder} is ready: name your drives in {folder / 'stages' / 'raw.toml'}, then in {folder} run: make pipeline"
+    )
