@@ -21,6 +21,7 @@ def make_workspace(folder: Path, **values: str) -> Path:
             if not line.startswith("#"):
                 key, _, value = line.partition(" = ")
                 set_value(folder, preset.stem, key, value)
+        preset.unlink()  # so that a value of the test's own counts
     for name, value in values.items():
         stage, key = name.split("__")
         set_value(folder, stage, key, value)

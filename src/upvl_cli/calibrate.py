@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 from PIL import Image
@@ -45,7 +44,7 @@ def calibrate(workspace: Workspace) -> Iterator[str]:
     found = minimum_error(counts, edges)
     path = save(_drawn(counts, edges, found, eps), workspace.out / "calibrate" / "background.png")
     yield f"{len(score)} points above the ground, {workspace.model.name}: background from {found:.3f} on"
-    yield f"  {(score >= found).mean():.1%} of them are background; from {eps:.3f} on, as now: {(score >= eps).mean():.1%}"
+    yield f"  {(score >= found).mean():.1%} of them are; from {eps:.3f} on, as now: {(score >= eps).mean():.1%}"
     values = f"calibrated = false, eps_bg = {found:.3f}, against = {_listed(against)}"
     yield f"  to use it, in {workspace.stages / 'mask.toml'}: {values}"
     yield str(path)

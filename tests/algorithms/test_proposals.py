@@ -15,6 +15,7 @@ SETTINGS = {
     "eps_mps": 1.5,
     "min_points": 6,
     "voxel_m": 0.1,
+    "cluster_background": True,
     "max_background_share": 0.99,
     "max_lasting_share": 0.5,
     "moving_mps": 1.0,
@@ -38,7 +39,9 @@ def sweep(*objects: tuple[np.ndarray, tuple[float, float]]) -> Sweep:
     speeds = [np.tile([*velocity, 0.0], (len(points), 1)) for points, velocity in objects]
     velocity = np.concatenate(speeds or [np.zeros((0, 3))])
     moves = np.linalg.norm(velocity, axis=1) >= 1.0
-    return Sweep(xyz, velocity, moves, np.zeros(len(xyz), bool), xyz[:, 2], np.eye(4), 0)
+    return Sweep(
+        xyz, velocity, moves, np.zeros(len(xyz), bool), np.zeros((len(xyz), 0)), xyz[:, 2], np.eye(4), 0
+    )
 
 
 def found(seen: Sweep, taken: Places = NOWHERE, **changes: float) -> Proposals:
@@ -97,3 +100,21 @@ def test_an_empty_sweep() -> None:
     boxes = found(sweep())
     assert boxes.seven.shape == (0, 7)
     assert boxes.of_point.shape == (0,)
+
+
+def test_background_that_makes_no_cluster_joins_what_it_lies_in() -> None:
+    seen = sweep((car(10, 3), (5.0, 0.0)))
+    side = seen.xyz_m[:, 0] > 9.0  # the side of the car is taken for a wall
+    walls = replace(seen, background=side)
+    kept = found(walls, cluster_background=False, max_background_share=1.0)
+    assert len(kept.seven) == 1
+    assert kept.seven[0, 3] < 1.5  # its back alone makes the box
+    assert (found(walls, cluster_background=True).seven[0, 3]) > 3.5
+
+
+def test_neighbours_that_look_unlike_are_two_objects() -> None:
+    seen = sweep((np.concatenate([car(10, 3), car(14.2, 3)]), (0.0, 0.0)))
+    seen = replace(seen, candidate=np.ones(len(seen.xyz_m), bool))
+    assert len(found(seen).seven) == 1
+    unlike = np.repeat([0.0, 3.0], len(seen.xyz_m) // 2)[:, None]
+    assert len(found(replace(seen, look=unlike)).seven) == 2

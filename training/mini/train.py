@@ -8,6 +8,7 @@ concepts ("vehicle") to all of them. The rate follows the clock, so that trainin
 from __future__ import annotations
 
 import argparse
+import os
 import time
 from pathlib import Path
 
@@ -166,10 +167,11 @@ def main() -> None:
     parser.add_argument("--start", type=Path, help="weights of an earlier run")
     parser.add_argument("--batch", type=int, default=4, help="pictures of each source in a step")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--threads", type=int, default=os.cpu_count())
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     torch.manual_seed(options.seed)
-    torch.set_num_threads(2)
+    torch.set_num_threads(options.threads)
     tables = load_file(options.text / "text.safetensors")
     listed = (options.text / "mini_phrases.txt").read_text(encoding="utf-8").split("\n")[:-1]
     text = MiniText(tables, listed, options.text / "mini_tokenizer.json")
@@ -204,7 +206,7 @@ def main() -> None:
 
     def batches(pictures, scales, seed):
         crops = Crops(pictures, SIZE, scales, seed)
-        return iter(DataLoader(crops, batch_size=options.batch, num_workers=0))
+        return iter(DataLoader(crops, batch_size=options.batch, num_workers=1, prefetch_factor=4))
 
     streams = batches(real, (0.6, 1.8), options.seed), batches(made, (0.5, 1.6), options.seed + 1)
     of_camvid = torch.arange(2 * options.batch) < options.batch

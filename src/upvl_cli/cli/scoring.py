@@ -49,7 +49,6 @@ def tables(context: typer.Context) -> None:
 
     from upvl_cli.evaluation import paper_tables
     from upvl_cli.progress import Progress
-
     from upvl_cli.sweep import remember
 
     workspace = Workspace(context.obj.stages, context.obj.out, "")

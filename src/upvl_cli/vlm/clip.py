@@ -25,7 +25,7 @@ OVERLAP = 0.25  # of a window's side, at least: a patch at its rim has not seen 
 BATCH = 16  # windows at once
 # Words that fit anything. Cosines of CLIP are all within a few tenths and offset by far more than the paper's
 # eps_bg, so the only question with an answer is whether background words fit better than these.
-NEUTRAL = ("object", "thing", "item")
+NEUTRAL = ("object", "thing", "vehicle", "person")
 
 
 def files(weights: str) -> tuple[Path, ...]:

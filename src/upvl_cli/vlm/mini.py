@@ -85,4 +85,4 @@ class Mini:
         network = MiniNetwork(self.dim)
         weights = {name: value.float() for name, value in load_file(WEIGHTS / FILES[0]).items()}
         network.load_state_dict(weights, strict=False)  # the norms' counters are of no use here
-        return network.eval().fused()
+        return network.train(False).fused()

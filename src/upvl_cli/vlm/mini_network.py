@@ -93,6 +93,7 @@ class MiniNetwork(nn.Module):
         return self.to(memory_format=torch.channels_last)
 
     def forward(self, rgb: Tensor) -> Tensor:
+        """(n, dim, h / 4, w / 4) features of (n, 3, h, w) pictures."""
         x = self.stem((rgb - 127.0) / 128.0)
         feeds = []
         for number, stage in enumerate(self.stages):

@@ -1,0 +1,71 @@
+"""Says how well the occlusion test agrees with the truth of the built-in city: python bench/views.py.
+
+A ray from the camera's place at the time of the picture to each point tells whether anything is in between.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from city_checks import first_on_way, pose_at
+from upvl_cli.algorithms.views import OCCLUDED, SEEN, at_time, view
+from upvl_cli.datasets.city.cameras import trigger_s
+from upvl_cli.datasets.city.cast import Caster
+from upvl_cli.datasets.city.drive import RATE_HZ, CityDrive
+from upvl_cli.datasets.city.settings import CityParams
+from upvl_cli.geometry.se3 import apply
+from upvl_cli.settings import load
+from upvl_cli.stages.extract_vl import ExtractVlParams
+
+STAGES = Path(__file__).parents[1] / "stages"
+HIDDEN_M = 0.5  # what is this much in front of a point hides it
+
+
+def main() -> None:
+    """Print, over some frames, how many points are told rightly."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--frames", type=int, nargs="+", default=[5, 20, 35])
+    options = parser.parse_args()
+    params = load(ExtractVlParams, STAGES / "extract-vl.toml")
+    limits = {name: getattr(params, name) for name in ("border_px", "gap_deg", "closer_m", "closer_share")}
+    settings = load(CityParams, STAGES / "synthetic.toml")
+    drive = CityDrive(name="views", seed=(options.seed, 1, 0), without=(), settings=settings)
+    table = np.zeros((2, 2), dtype=np.int64)  # truly hidden or not, called occluded or not
+    for frame in options.frames:
+        table += sum(_of(drive, frame, camera, limits) for camera in drive.cameras)
+    (seen_right, seen_wrong), (hidden_wrong, hidden_right) = table
+    print(f"of the points called seen {seen_right / (seen_right + hidden_wrong):.3%} are seen")
+    print(f"of the seen points {seen_right / (seen_right + seen_wrong):.3%} are called seen")
+    print(f"of the hidden points {hidden_right / (hidden_right + hidden_wrong):.3%} are called occluded")
+    print(f"{table.sum()} points in view, {table[1].sum() / table.sum():.2%} hidden")
+
+
+def _of(drive: CityDrive, frame: int, camera, limits: dict[str, float]) -> np.ndarray:
+    points, truth = drive.points_with_truth(frame)
+    late_s = trigger_s(camera.name)
+    time_s = frame / RATE_HZ + late_s
+    pose = pose_at(drive, time_s)
+    xyz = at_time(points.xyz_ego_m, truth.velocity_mps, late_s, drive.world_from_ego[frame], pose)
+    found = view(camera, xyz, **limits)
+    chosen = np.flatnonzero((found.state == SEEN) | (found.state == OCCLUDED))
+    world = apply(pose, xyz[chosen])
+    eye = apply(pose, camera.ego_from_camera[None, :3, 3])[0]
+    met_m, _ = first_on_way(Caster(drive.scene), eye, world, time_s)
+    hidden = met_m < np.linalg.norm(world - eye, axis=1) - HIDDEN_M
+    called = found.state[chosen] == OCCLUDED
+    return np.array(
+        [
+            [(~hidden & ~called).sum(), (~hidden & called).sum()],
+            [(hidden & ~called).sum(), (hidden & called).sum()],
+        ]
+    )
+
+
+if __name__ == "__main__":
+    main()
