@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -24,3 +27,22 @@ def on_kitti(folder: Path, root: Path, segments: list[str]) -> Path:
         f'dataset = "kitti"\nroot = {json.dumps(str(root.resolve()))}\nsegments = {json.dumps(segments)}\n'
     )
     return folder
+
+
+def on_city(folder: Path, **values: int) -> Path:
+    """A workspace in `folder` for drives of the built-in city, with some values of `synthetic.toml` changed."""
+    folder.mkdir(parents=True, exist_ok=True)
+    shutil.rmtree(folder / "stages", ignore_errors=True)
+    shutil.copytree(ROOT / "stages", folder / "stages")
+    path = folder / "stages" / "synthetic.toml"
+    text = path.read_text()
+    for key, value in values.items():
+        text = re.sub(rf"^{key} = .*$", f"{key} = {value}", text, flags=re.MULTILINE)
+    path.write_text(text)
+    return folder
+
+
+def make(folder: Path, *stages: str) -> None:
+    """Run stages in a workspace, in order."""
+    for stage in stages:
+        subprocess.run([Path(sys.executable).with_name("upvl"), stage], cwd=folder, check=True)

@@ -61,7 +61,7 @@ def _scores(workspace: Workspace, segment: str, rule: Background) -> Floats:
     chosen = (
         sorted({frames[round(place)] for place in np.linspace(0, len(frames) - 1, FRAMES)}) if frames else []
     )
-    scores = [np.zeros(0)]
+    scores: list[Floats] = [np.zeros(0)]
     for frame in chosen:
         of = features[frame]
         above = ~ground[frame].is_ground[of.state == SEEN]

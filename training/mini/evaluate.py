@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,11 +17,15 @@ from upvl_cli.vlm.mini_text import MiniText
 
 
 class Score(NamedTuple):
-    """Mean IoU over the 11 classes: by their own words, by synonyms that no training saw, and each class's."""
+    """Mean IoU over the 11 classes: by their own words, by synonyms that no training saw, and each class's.
+
+    `rounds` has the words of each count and its mean IoU.
+    """
 
     words: float
     synonyms: float
     each: tuple[float, ...]
+    rounds: tuple[tuple[tuple[str, ...], float], ...]
 
 
 def camvid_miou(network: MiniNetwork, text: MiniText, root: Path, split: str, every: int = 1) -> Score:
@@ -56,6 +59,7 @@ def camvid_miou(network: MiniNetwork, text: MiniText, root: Path, split: str, ev
     return Score(
         float(iou(confusion[0]).mean()), float(np.mean([iou(c).mean() for c in confusion[1:]])),
         tuple(np.round(iou(confusion[0]), 3).tolist()),
+        tuple((tuple(words), float(iou(of).mean())) for words, of in zip(rounds, confusion, strict=True)),
     )  # fmt: skip
 
 

@@ -67,6 +67,7 @@ class Crops(IterableDataset[tuple[Array, Array]]):
                 yield self.crop(self.pictures[index], rng)
 
     def crop(self, picture: Picture, rng: np.random.Generator) -> tuple[Array, Array]:
+        """(h, w, 3) float32 pixels, 0 to 255, and (h, w) classes of one crop."""
         height, width = self.size
         scale = np.exp(rng.uniform(*np.log(self.scales)))
         stretch = np.exp(rng.uniform(-0.1, 0.1))
@@ -74,7 +75,6 @@ class Crops(IterableDataset[tuple[Array, Array]]):
         part_w, part_h = width / (scale * stretch), height / scale
         left = rng.uniform(min(0, picture.rgb.width - part_w), max(0, picture.rgb.width - part_w))
         top = rng.uniform(min(0, picture.rgb.height - part_h), max(0, picture.rgb.height - part_h))
-        box = (left, top, left + part_w, top + part_h)
         placed = (part_w / width, 0, left, 0, part_h / height, top)
         inside = Image.new("L", picture.label.size, 1).transform(
             (width, height), Image.Transform.AFFINE, placed
@@ -94,6 +94,7 @@ class Crops(IterableDataset[tuple[Array, Array]]):
 
     @staticmethod
     def lit(image: Image.Image, rng: np.random.Generator) -> Image.Image:
+        """The picture in another light."""
         image = ImageEnhance.Brightness(image).enhance(rng.uniform(0.5, 1.5))
         image = ImageEnhance.Contrast(image).enhance(rng.uniform(0.6, 1.4))
         image = ImageEnhance.Color(image).enhance(rng.uniform(0.2, 1.6))

@@ -41,6 +41,7 @@ class Floating(nn.Module):
         self.conv = conv
 
     def forward(self, x: Tensor) -> Tensor:
+        """As the convolution's own."""
         with torch.autocast("cpu", enabled=False):
             return self.conv(x.float())
 

@@ -25,13 +25,15 @@ from upvl_cli.types import Array, Bools, Camera, Floats
 
 UNITS = np.array([np.deg2rad(0.2)] * 3 + [0.02] * 3)  # both move an outline 6 m away by about as much
 _FOCAL_PX = 800.0  # sharper pictures are made smaller: a LiDAR's samples lie farther apart than their pixels
-_BLURS_RAD = np.deg2rad([1.28, 0.64, 0.32, 0.16])  # the first finds what is off by degrees
+# Blur of the edges in degrees, and how many of the six are free: first the rotation, which may be off by degrees.
+_BLURS = ((1.28, 3), (0.64, 3), (0.32, 6), (0.16, 6))
 _PRIOR = np.array([10.0] * 3 + [5.0] * 3)  # 2 degrees, 10 cm: keeps what no outline tells near 0
-_PRIOR_WEIGHT = 1e-3
+_PRIOR_WEIGHT = 1e-2
 _LEAST_OUTLINES = 300
 _STRIPS, _SPANS = 8, 3  # parts of the pictures, and of the time, that are taken to err independently
 # How far all outlines of one side may lie off together: half a step between a LiDAR's columns, or its rows.
 _SIDE_OFF_RAD = np.deg2rad([0.05, 0.05, 0.1])
+_SIDE_OFF_PX = 0.5  # nor does a picture of few pixels tell more
 
 
 @dataclass(frozen=True)
@@ -79,11 +81,11 @@ def offset(camera: Camera, views: Sequence[View]) -> Offset | None:
         return None
     shrink = max(1, round(camera.intrinsic[0, 0] / _FOCAL_PX))
     maps = np.stack([edges(smaller(view.rgb, shrink)) for view in views])
-    seen_by, state = smaller_camera(camera, shrink), np.zeros(6)
-    for blur_rad in _BLURS_RAD:
-        blur_px = max(1.0, blur_rad * seen_by.intrinsic[0, 0])
-        agreement = Agreement(seen_by, every, maps, blur_px)
-        state = minimize(agreement.loss, state, jac=True, method="L-BFGS-B", options={"maxiter": 60}).x
+    seen_by = smaller_camera(camera, shrink)
+    state: Floats = np.zeros(6)
+    for blur_rad, free in _BLURS:
+        agreement = Agreement(seen_by, every, maps, max(1.0, np.deg2rad(blur_rad) * seen_by.intrinsic[0, 0]))
+        state = agreement.best(state, free)
     return Offset(state * UNITS, agreement.covariance(state) * np.outer(UNITS, UNITS), len(every))
 
 
@@ -141,6 +143,11 @@ class Agreement:
         held = _PRIOR_WEIGHT * state / _PRIOR**2
         return float(-value.mean() + held @ state / 2), -slope.mean(axis=0) + held
 
+    def best(self, state: Floats, free: int) -> Floats:
+        """The offset that agrees best near another one, where the first so many of the six may change."""
+        bounds = [(None, None)] * free + [(value, value) for value in state[free:]]
+        return np.asarray(minimize(self.loss, state, jac=True, method="L-BFGS-B", bounds=bounds).x)
+
     def each(self, state: Floats, moved_px: Array | float = 0.0) -> tuple[Floats, Floats]:
         """(n,) agreement of each outline and (n, 6) its slope, where pixels are moved by (n, 2)."""
         uv_px, slope = self._placed(state)
@@ -190,7 +197,8 @@ class Agreement:
         moves: list[tuple[Bools, Floats]] = []
         for side in (LEFT, RIGHT, TOP):
             moved_px = np.zeros(2)
-            moved_px[int(side == TOP)] = _SIDE_OFF_RAD[side] * self.camera.intrinsic[0, 0]
+            off_px = _SIDE_OFF_RAD[side] * self.camera.intrinsic[0, 0]
+            moved_px[int(side == TOP)] = max(off_px, _SIDE_OFF_PX)
             for close in (near, ~near):
                 for half in (left, ~left):
                     moves.append((np.asarray((self.points.side == side) & close & half), moved_px))
@@ -218,13 +226,12 @@ class Agreement:
         """(n,) edges at pixels, between the four around each, and (n, 2) their slopes; 0 outside."""
         height, width = self.maps.shape[-2:]
         u, v = np.clip(uv_px, 0, [width - 1.001, height - 1.001]).T
-        inside = ((uv_px >= 0) & (uv_px <= [width - 1, height - 1])).all(axis=1)
+        inside = np.asarray(((uv_px >= 0) & (uv_px <= [width - 1, height - 1])).all(axis=1))
         column, row = u.astype(int), v.astype(int)
         right, down = u - column, v - row
-        across = np.asarray(self.points.side == TOP).astype(int)
-        a, b, c, d = (
-            self.maps[self.points.view, across, row + i, column + j] for i in (0, 1) for j in (0, 1)
-        )
+        across = np.where(self.points.side == TOP, 1, 0)
+        flat, first = self.maps.reshape(-1), ((self.points.view * 2 + across) * height + row) * width + column
+        a, b, c, d = (flat.take(first + step) for step in (0, 1, width, width + 1))
         value = (a * (1 - right) + b * right) * (1 - down) + (c * (1 - right) + d * right) * down
         slope_u = (b - a) * (1 - down) + (d - c) * down
         slope_v = (c - a) * (1 - right) + (d - b) * right

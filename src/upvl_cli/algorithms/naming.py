@@ -16,29 +16,31 @@ NO_WORD = -1
 class Votes:
     """Counts the votes of points for words, track by track: what is one object has one name in all frames."""
 
-    def __init__(self, kind_of_word: Ints) -> None:
+    def __init__(self, kind_of_word: Ints, cosines: Callable[[Ints], Floats]) -> None:
         """Start without a vote.
 
         Args:
             kind_of_word: (t,) the kind that each word is for.
+            cosines: Gives (m, t) of m features with each word.
         """
         self._kind_of_word = np.asarray(kind_of_word)
+        self._cosines = cosines
         self._votes: dict[int, Ints] = {}
 
-    def add(self, boxes: Array, track_id: Ints, xyz_m: Array, cosines: Callable[[Ints], Floats]) -> None:
+    def add(self, boxes: Array, track_id: Ints, xyz_m: Array, feature: Ints) -> None:
         """Count the votes of the points in the boxes of one frame.
 
         Args:
             boxes: (b, 7) boxes.
             track_id: (b,) their tracks.
             xyz_m: (n, 3) points with a feature, in the axes of the boxes.
-            cosines: (m, t) of m chosen points with each word.
+            feature: (n, ...) their features.
         """
         box, point = pairs_inside(xyz_m, boxes, margin_m=0.0)
         if not len(point):
             return
         chosen, place = np.unique(point, return_inverse=True)
-        word = cosines(chosen).argmax(axis=1)[place]
+        word = self._cosines(feature[chosen]).argmax(axis=1)[place]
         words = len(self._kind_of_word)
         for number, count in zip(track_id, np.zeros((len(boxes), words), dtype=np.int64), strict=True):
             self._votes.setdefault(int(number), count)

@@ -19,7 +19,7 @@ from upvl_cli.types import Array, Bools, Camera, Floats, ParallelArrays, array
 LEFT, RIGHT, TOP = range(
     3
 )  # where the far surface is; what is below a thing is mostly the ground it stands on
-_NEIGHBOURS, _REACH = 32, 3.2  # samples around a point that are looked at, and how many steps away
+_NEIGHBOURS, _REACH = 28, 3.2  # samples around a point that are looked at, and how many steps away
 _LEAST_POINTS = 200
 
 
@@ -61,10 +61,12 @@ def outlines(camera: Camera, xyz_ego_m: Array, view: int) -> Outlines:
     steps = uv_px / step_px
     _, other = cKDTree(steps).query(steps, k=_NEIGHBOURS)
     other = other[:, 1:]
-    apart = steps[other] - steps[:, None]  # (n, neighbours, 2)
     range_m = np.linalg.norm(xyz_m, axis=1)
     behind_m = range_m[other] - range_m[:, None]
     far = behind_m > np.maximum(0.5, 0.1 * range_m)[:, None]
+    near = np.flatnonzero(far.any(axis=1))  # few: what follows looks at no others
+    xyz_m, range_m, other, behind_m, far = xyz_m[near], range_m[near], other[near], behind_m[near], far[near]
+    apart = steps[other] - steps[near, None]  # (near, neighbours, 2)
     same = np.abs(behind_m) < 0.2 + 0.03 * range_m[:, None]
     parts = []
     for side, axis, sign in ((LEFT, 0, -1), (RIGHT, 0, 1), (TOP, 1, -1)):
@@ -99,8 +101,9 @@ def _ends(along: Array, across: Array, far: Array, same: Array, side: int) -> tu
 
 def _steps(uv_px: Array) -> Floats:
     """(2,) distance between the columns of the LiDAR and between its rows, in the picture."""
-    distance, other = cKDTree(uv_px).query(uv_px, k=17)
-    apart = uv_px[other[:, 1:]] - uv_px[:, None]
+    some = uv_px[:: max(1, len(uv_px) // 2000)]
+    distance, other = cKDTree(uv_px).query(some, k=17)
+    apart = uv_px[other[:, 1:]] - some[:, None]
     level = (apart[..., 0] > 0) & (np.abs(apart[..., 1]) < 0.35 * apart[..., 0])
     right = np.where(level, apart[..., 0], np.inf).min(axis=1)
     column_px = float(np.median(right[np.isfinite(right)])) if np.isfinite(right).any() else 1.0

@@ -44,7 +44,7 @@ class Sight:
                 height_px, width_px, _ = image.rgb.shape
                 cells = basis.kept(embed(image.rgb))
                 codes[of] = basis.rounded(sampled(cells, uv_px[of], width_px, height_px))
-        return codes[self.state == SEEN]
+        return np.asarray(codes[self.state == SEEN])
 
 
 class Look:
@@ -108,7 +108,7 @@ class Look:
     def _pose_at(self, time_ns: int) -> Array:
         """(4, 4) world_from_ego at any time: on the way between two frames, or on from the first or last two."""
         if len(self._poses) < 2:
-            return self._poses[0]
+            return np.asarray(self._poses[0])
         after = int(np.clip(np.searchsorted(self._times_ns, time_ns), 1, len(self._poses) - 1))
         first, second = self._poses[after - 1 : after + 1]
         span = self._times_ns[after] - self._times_ns[after - 1]

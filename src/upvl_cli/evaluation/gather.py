@@ -161,7 +161,7 @@ def _of_drive(
     rows = checked_table(workspace, stage, segment)
     chosen = [rows[frame] for frame in rows.frames if frame in frames]
     names = checked_table(workspace, NAMES, segment) if named else None
-    types = [_types(row, names[row.frame]) if names else np.zeros(len(row.seven)) for row in chosen]
+    types = [_types(row, names[row.frame]) if names else np.zeros(len(row.seven), np.int8) for row in chosen]
     predictions = _predictions(segment, chosen, types)
     labels = source.labels(segment)
     truth = _truth(segment, labels)

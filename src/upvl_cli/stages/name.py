@@ -46,18 +46,14 @@ def run(inputs: Inputs, params: NameParams) -> Iterator[NameRow]:
     features, labels = inputs.table("extract-vl"), inputs.table("nms")
     lists = ((1, params.vehicle), (2, params.pedestrian), (4, params.cyclist), (OTHER, params.other))
     words = inputs.model.embed_text([word for _, some in lists for word in some])
-    votes = Votes(np.repeat([kind for kind, _ in lists], [len(some) for _, some in lists]))
+    kinds = np.repeat([kind for kind, _ in lists], [len(some) for _, some in lists])
+    votes = Votes(kinds, lambda feature: fitted.basis.cosines(feature, words))
     for row in labels:
         of = features[row.frame]
         seen = np.flatnonzero(of.state == SEEN)
         if len(seen) and len(row.seven):
             xyz = inputs.drive.points(row.frame).xyz_ego_m[seen]
-            votes.add(
-                row.seven,
-                row.track_id,
-                xyz,
-                lambda chosen, of=of: fitted.basis.cosines(of.feature[chosen], words),
-            )
+            votes.add(row.seven, row.track_id, xyz, of.feature)
     for row in labels:
         kind, word, share = votes.of(row.track_id)
         for number, what in ((1, "vehicles"), (2, "pedestrians"), (4, "cyclists"), (OTHER, "others")):

@@ -50,7 +50,7 @@ class Mini:
     @property
     def dim(self) -> int:
         """Length of its vectors."""
-        return self.text.vectors.shape[1]
+        return int(self.text.vectors.shape[1])
 
     def embed_text(self, words: Sequence[str]) -> Floats:
         """(t, d) vectors of length 1."""

@@ -30,7 +30,7 @@ class _Conv(nn.Module):
     ):
         super().__init__()
         self.conv = nn.Conv2d(before, after, kernel, stride, kernel // 2, groups=groups, bias=False)
-        self.norm = nn.BatchNorm2d(after, eps=1e-3, momentum=0.01)
+        self.norm: nn.Module = nn.BatchNorm2d(after, eps=1e-3, momentum=0.01)
         self.cut = cut
 
     def forward(self, x: Tensor) -> Tensor:
@@ -88,9 +88,10 @@ class MiniNetwork(nn.Module):
         """Fold the norms into the convolutions, for use without training; returns itself."""
         for module in self.modules():
             if isinstance(module, _Conv):
-                module.conv = fuse_conv_bn_eval(module.conv, module.norm)
+                module.conv = fuse_conv_bn_eval(module.conv, module.norm)  # type: ignore[arg-type]
                 module.norm = nn.Identity()
-        return self.to(memory_format=torch.channels_last)
+        self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        return self
 
     def forward(self, rgb: Tensor) -> Tensor:
         """(n, dim, h / 4, w / 4) features of (n, 3, h, w) pictures."""

@@ -1,0 +1,132 @@
+"""The model that ships: words, pictures, and that both meet."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from upvl_cli.errors import BadSetting
+from upvl_cli.vlm import MODELS, adapter
+from upvl_cli.vlm.mini import FILES, WEIGHTS, Mini
+from upvl_cli.vlm.mini_text import plain
+
+
+@pytest.fixture(scope="module")
+def model() -> Mini:
+    return Mini()
+
+
+def nearest(model: Mini, word: str, words: list[str]) -> str:
+    likeness = model.embed_text(words) @ model.embed_text([word])[0]
+    return words[int(likeness.argmax())]
+
+
+TRAFFIC = ["car", "truck", "bus", "van", "pedestrian", "bicycle", "motorcycle", "tree", "road", "building", "traffic sign", "pole", "fence", "sidewalk", "sky"]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("word", "expected"),
+    [
+        ("automobile", "car"), ("lorry", "truck"), ("street", "road"), ("person", "pedestrian"), ("cyclist", "bicycle"),
+        ("pavement", "sidewalk"), ("school bus", "bus"), ("motorbike", "motorcycle"), ("bush", "tree"),
+        ("house", "building"), ("road sign", "traffic sign"),
+    ],
+)  # fmt: skip
+def test_synonyms_are_near(model: Mini, word: str, expected: str) -> None:
+    assert nearest(model, word, TRAFFIC) == expected
+
+
+def test_any_phrase_has_a_vector_of_length_one(model: Mini) -> None:
+    words = ["car", "a zebra-striped hovercraft", "Straße", "xqzzt", "A Fire Truck.", "the  fire truck"]
+    vectors = model.embed_text(words)
+    assert vectors.shape == (6, model.dim)
+    assert vectors.dtype == np.float32
+    np.testing.assert_allclose(np.linalg.norm(vectors, axis=1), 1, atol=1e-5)
+    np.testing.assert_array_equal(vectors[4], vectors[5])  # articles, case and spaces do not count
+
+
+def test_nothing_has_no_vector_and_is_like_nothing(model: Mini) -> None:
+    assert not model.embed_text(["", "  "]).any()
+    assert model.embed_text([]).shape == (0, model.dim)
+
+
+def test_a_phrase_outside_of_the_table_is_the_mean_of_its_tokens(model: Mini) -> None:
+    text = model.text
+    assert "purple spaceship" not in text.phrases
+    np.testing.assert_array_equal(
+        model.embed_text(["purple spaceship"])[0], text.of_tokens("purple spaceship")
+    )
+    # Not far from what the full model says where it has been asked.
+    alike = [
+        text.of_tokens(phrase) @ vector for phrase, vector in zip(text.phrases, text.vectors, strict=True)
+    ]
+    assert np.mean(alike) > 0.4
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"), [("The Car", "car"), ("a", "a"), (" an  old bus. ", "old bus")]
+)
+def test_phrases_are_made_plain(given: str, expected: str) -> None:
+    assert plain(given) == expected
+
+
+@pytest.mark.parametrize(("height", "width"), [(64, 96), (61, 90), (375, 1242)])
+def test_cells_cover_the_picture(model: Mini, height: int, width: int) -> None:
+    picture = np.random.default_rng(0).integers(0, 255, (height, width, 3), dtype=np.uint8)
+    cells = model.embed_image(picture)
+    assert cells.shape == (-(-height // 4), -(-width // 4), model.dim)
+    assert np.isfinite(cells).all()
+    np.testing.assert_array_equal(cells, model.embed_image(picture))
+
+
+def test_norms_folded_into_convolutions_change_nothing(model: Mini) -> None:
+    """The quick network against the plain one, as it was trained."""
+    import torch
+    from safetensors.torch import load_file
+
+    from upvl_cli.vlm.mini_network import MiniNetwork
+
+    plain_network = MiniNetwork(model.dim).train(False)
+    plain_network.load_state_dict(
+        {k: v.float() for k, v in load_file(WEIGHTS / FILES[0]).items()}, strict=False
+    )
+    picture = np.random.default_rng(1).integers(0, 255, (96, 128, 3), dtype=np.uint8)
+    with torch.inference_mode():
+        full = (
+            plain_network(torch.from_numpy(picture).permute(2, 0, 1)[None].float())[0]
+            .permute(1, 2, 0)
+            .numpy()
+        )
+    np.testing.assert_allclose(model.embed_image(picture), full, atol=0.02 * np.abs(full).max())
+
+
+@pytest.mark.real
+def test_streets_of_camvid_are_told_by_words(model: Mini, shared: Path) -> None:
+    """A few pictures of the test split, which no training saw: most pixels get their word."""
+    classes = (shared / "data/camvid/classes.txt").read_text().splitlines()[:11]
+    words = model.embed_text(classes)
+    right = total = 0
+    for path in sorted((shared / "data/camvid/test").glob("*.jpg"))[::40]:
+        label = np.asarray(Image.open(shared / "data/camvid/testannot" / f"{path.stem}.png"))
+        cells = model.embed_image(np.asarray(Image.open(path).convert("RGB")))
+        named = (cells @ words.T).argmax(axis=2)
+        centre = label[2::4, 2::4][: named.shape[0], : named.shape[1]]
+        right += ((named == centre) & (centre < 11)).sum()
+        total += (centre < 11).sum()
+    assert right / total > 0.85
+
+
+def test_the_package_stays_small() -> None:
+    assert sum((WEIGHTS / name).stat().st_size for name in FILES) <= 16 * 2**20
+
+
+def test_models_are_named_with_their_weights() -> None:
+    assert adapter("mini") == (MODELS["mini"], "")
+    assert adapter("clip:/models/a:b") == (MODELS["clip"], "/models/a:b")
+    with pytest.raises(BadSetting, match="unknown model 'clipp'; did you mean 'clip'"):
+        adapter("clipp:/models/b16")
+    with pytest.raises(BadSetting, match="mini brings its own weights"):
+        MODELS["mini"].files("/models/mine")
