@@ -67,7 +67,14 @@ def test_a_second_run_makes_nothing(copy: Path) -> None:
 
 def test_a_changed_value_remakes_its_stage_and_later(copy: Path) -> None:
     set_value(copy, "mask", "min_speed_mps", "1.5")
-    assert made(upvl(copy, "autolabel", "--moving-only")) == ["mask", "propose", "track", "amodal", "nms"]
+    assert made(upvl(copy, "autolabel", "--moving-only")) == [
+        "mask",
+        "propose",
+        "track",
+        "amodal",
+        "nms",
+        "name",
+    ]
 
 
 def test_a_comment_remakes_nothing(copy: Path) -> None:
@@ -122,7 +129,6 @@ def test_draw_writes_pictures_and_names_them(copy: Path) -> None:
         (["draw", "street-9"], "unknown segment 'street-9'; did you mean 'street-0'?"),
         (["flow", "--segment", "../street-0"], "unknown segment '../street-0'"),
         (["autolabel"], "say which objects to label: upvl autolabel --moving-only"),
-        (["autolabel", "--all-motion"], "--all-motion needs vision-language features"),
         (["init", "."], "stages exists already: choose another folder, nothing was changed"),
     ],
 )

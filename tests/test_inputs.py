@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
@@ -37,8 +37,10 @@ def test_a_declared_input_that_is_not_made_says_so(workspace: Workspace) -> None
 
 def test_a_stamp_holds_every_value_of_a_stage_and_those_above(workspace: Workspace) -> None:
     stamp = json.loads(workspace.shard_stamp(BY_NAME["mask"], "street-0"))
-    assert set(stamp) == {"raw", "odometry", "ground", "flow", "mask", "inputs"}
-    assert stamp["mask"]["values"] == {"min_speed_mps": 1.0}
+    above = {"raw", "vlm", "odometry", "ground", "flow", "pca", "extract-vl"}
+    assert set(stamp) == above | {"mask", "inputs"}
+    assert stamp["mask"]["values"] == json.loads(json.dumps(asdict(workspace.settings(BY_NAME["mask"]))))
+    assert stamp["vlm"]["model"] == "mini"
 
 
 def test_a_changed_value_changes_the_stamps_below_and_no_other(tmp_path: Path) -> None:
@@ -47,7 +49,7 @@ def test_a_changed_value_changes_the_stamps_below_and_no_other(tmp_path: Path) -
     set_value(folder, "propose", "max_background_share", "0.9")
     after = {stage.name: Workspace(folder / "stages", folder).stage_stamp(stage) for stage in STAGES}
     changed = [name for name in before if before[name] != after[name]]
-    assert changed == ["propose", "track", "amodal", "nms"]
+    assert changed == ["propose", "track", "amodal", "nms", "name"]
     assert difference(before["nms"], after["nms"]) == "propose.max_background_share 0.99 -> 0.9"
 
 

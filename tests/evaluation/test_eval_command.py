@@ -230,12 +230,12 @@ def test_damaged_labels_are_no_missing_labels(drive: TinyDrive, workspace: Path)
 
 def test_labels_that_were_not_made(drive: TinyDrive, workspace: Path) -> None:
     (workspace / "out" / "nms" / f"{drive.segment}.parquet").unlink()
-    assert "which is missing (not made); run: upvl autolabel --moving-only" in refused(workspace)
+    assert "which is missing (not made); run: upvl autolabel --all-motion" in refused(workspace)
 
 
 def test_labels_of_other_settings(workspace: Path) -> None:
     set_value(workspace, "mask", "min_speed_mps", "2.0")
-    message = "which is stale (mask.min_speed_mps 1.0 -> 2.0); run: upvl autolabel --moving-only"
+    message = "which is stale (mask.min_speed_mps 1.0 -> 2.0); run: upvl autolabel --all-motion"
     assert message in refused(workspace)
 
 

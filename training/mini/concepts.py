@@ -12,8 +12,6 @@ from phrases import WORDS
 from upvl_cli.types import Array, Bools, Floats
 from upvl_cli.vlm.mini_text import MiniText, unit
 
-UNKNOWN = -1
-
 
 @dataclass(frozen=True)
 class Concepts:
@@ -23,9 +21,11 @@ class Concepts:
         names: (k,) their first words.
         vectors: For each concept (w, d) vectors of its words.
         centres: (k, d) the mean of each, of length 1.
-        camvid: (c, k) which concepts each class of CamVid may show.
+        camvid_first: (c,) the concept that has the word of each class of CamVid.
+        camvid: (c, k) which concepts each class may show.
         of_city: Concept of each name of the city.
-        parents: Words for several concepts, with (d,) the vector and (k,) which ones.
+        parent_vectors: (p, d) words for several concepts.
+        parent_of: (p, k) which ones.
     """
 
     names: tuple[str, ...]
@@ -43,7 +43,7 @@ def load(text: MiniText, camvid: Path) -> Concepts:
     table = tomllib.loads(WORDS.read_text(encoding="utf-8"))
     concepts = list(table.values())
     names = tuple(concept["words"][0] for concept in concepts)
-    vectors = tuple(text.embed(concept["words"]) for concept in concepts)
+    vectors = tuple(text.undrawn(concept["words"]) for concept in concepts)
     classes = [line for line in (camvid / "classes.txt").read_text().splitlines() if line][:11]
     shows = np.array([[concept.get("camvid") == name for concept in concepts] for name in classes])
     of_city = {name: place for place, concept in enumerate(concepts) for name in concept["city"]}
@@ -61,6 +61,6 @@ def load(text: MiniText, camvid: Path) -> Concepts:
         shows.argmax(axis=1),
         shows,
         of_city,
-        text.embed(parents),
+        text.undrawn(parents),
         parent_of,
     )

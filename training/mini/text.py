@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import argparse
 import shutil
+import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import torch
-from phrases import phrases
+from phrases import WORDS, phrases
 from safetensors.numpy import save_file
 from transformers import AutoModel, AutoTokenizer
 
@@ -48,6 +49,15 @@ def as_int8(vectors: Array) -> tuple[Array, Array]:
     return np.rint(vectors / np.where(scale > 0, scale, 1)[:, None]).astype(np.int8), scale.astype(np.float32)
 
 
+def concept_table(tables: dict[str, Array], phrases: Sequence[str], tokenizer: Path) -> dict[str, Array]:
+    """The mean of the words of each concept that pixels are taught."""
+    none = {"concepts": np.zeros((1, DIM), np.int8), "concept_scale": np.zeros(1, np.float32)}
+    text = MiniText(tables | none, phrases, tokenizer)
+    concepts = tomllib.loads(WORDS.read_text(encoding="utf-8")).values()
+    codes, scale = as_int8(np.array([text.undrawn(one["words"]).mean(axis=0) for one in concepts]))
+    return {"concepts": codes, "concept_scale": scale}
+
+
 def main() -> None:
     """Make the tables, and print how near the mean of tokens comes to the full model."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -68,6 +78,7 @@ def main() -> None:
     tables = {
         "tokens": token_codes, "token_scale": token_scale, "phrases": phrase_codes, "phrase_scale": phrase_scale,
     }  # fmt: skip
+    tables |= concept_table(tables, table, options.model / "tokenizer.json")
     save_file(tables, options.out / "text.safetensors")
     (options.out / "mini_phrases.txt").write_text("\n".join(table) + "\n", encoding="utf-8")
     shutil.copy(options.model / "tokenizer.json", options.out / "mini_tokenizer.json")

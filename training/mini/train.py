@@ -58,7 +58,7 @@ class Lesson:
         self.shows = torch.tensor(concepts.camvid)
         self.first = torch.tensor(concepts.camvid_first)
         self.parents = torch.tensor(concepts.parent_vectors), torch.tensor(concepts.parent_of).float()
-        self.strangers = text.embed(NEUTRAL)
+        self.strangers = text.undrawn(NEUTRAL)
         camvid_weight, city_weight = (1 / np.sqrt(np.maximum(c / c.sum(), 1e-4)) for c in counts)
         self.weight_camvid = torch.tensor(
             np.clip(camvid_weight / np.average(camvid_weight, weights=counts[0]), 0.3, 4)
@@ -158,8 +158,8 @@ def trunk(network: MiniNetwork, path: Path) -> None:
         take(block.shrink, f"{name}._project_conv", f"{name}._bn2")
 
 
-def main() -> None:
-    """Train, write OUT/network.safetensors each few minutes, and print what CamVid's test says."""
+def arguments() -> argparse.Namespace:
+    """What the command line says."""
     parser = argparse.ArgumentParser(description=__doc__)
     for name in ("text", "trunk", "camvid", "city", "out"):
         parser.add_argument(name, type=Path)
@@ -169,86 +169,115 @@ def main() -> None:
     parser.add_argument("--batch", type=int, default=4, help="pictures of each source in a step")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--threads", type=int, default=os.cpu_count())
-    options = parser.parse_args()
+    return parser.parse_args()
+
+
+def text_half(folder: Path) -> MiniText:
+    """The tables that text.py made."""
+    phrases = (folder / "mini_phrases.txt").read_text(encoding="utf-8").split("\n")[:-1]
+    return MiniText(load_file(folder / "text.safetensors"), phrases, folder / "mini_tokenizer.json")
+
+
+class Pupil:
+    """The network as it learns, and the running mean of its weights, which is what is kept."""
+
+    def __init__(self, dim: int, trunk_path: Path, start: Path | None, rate: float):
+        self.network, self.mean, self.rate = MiniNetwork(dim), MiniNetwork(dim), rate
+        trunk(self.network, trunk_path)
+        if start:
+            self.network.load_state_dict(load_torch(start))
+        self.mean.load_state_dict(self.network.state_dict())
+        self.frozen = [self.network.stem, *self.network.stages[:FROZEN_STAGES]]
+        for part in self.frozen:
+            part.requires_grad_(False)
+        old = [p for p in self.network.stages.parameters() if p.requires_grad]
+        new = [p for name, p in self.network.named_parameters() if not name.startswith(("stem", "stages"))]
+        self.learns = [*old, *new]
+        groups = [{"params": old, "share": 0.35}, {"params": new, "share": 1.0}]
+        self.optimizer = torch.optim.AdamW(groups, lr=rate, weight_decay=0.02)
+        for stage in self.network.stages:
+            for block in stage:
+                block.look.conv = Floating(block.look.conv)
+        self.network.to(memory_format=torch.channels_last)
+        self.steps = 0
+
+    def step(self, rgb: Tensor, label: Tensor, of_camvid: Tensor, lesson: Lesson, part: float) -> float:
+        """Learn from one batch; returns the loss. `part` of the time is over."""
+        warm = min(1.0, (self.steps + 1) / 60)
+        for group in self.optimizer.param_groups:
+            group["lr"] = self.rate * group["share"] * warm * (1 - part) ** 0.9
+        self.network.train()
+        for frozen_part in self.frozen:
+            frozen_part.eval()
+        with torch.autocast("cpu", torch.bfloat16):
+            features = self.network(rgb)
+        loss = lesson(features.float(), label, of_camvid)
+        self.optimizer.zero_grad()
+        loss.backward()
+        nn.utils.clip_grad_norm_(self.learns, 5.0)
+        self.optimizer.step()
+        self.steps += 1
+        self._average(min(0.995, (self.steps + 1) / (self.steps + 10)))
+        return loss.item()
+
+    @torch.no_grad()
+    def _average(self, keep: float) -> None:
+        ours = {
+            name.replace(".look.conv.conv.", ".look.conv."): v
+            for name, v in self.network.state_dict().items()
+        }
+        for name, value in self.mean.state_dict().items():
+            if value.dtype.is_floating_point:
+                value.lerp_(ours[name], 1 - keep)
+
+
+def main() -> None:
+    """Train, write OUT/network.safetensors each few minutes, and print what CamVid's test says."""
+    options = arguments()
     options.out.mkdir(parents=True, exist_ok=True)
     torch.manual_seed(options.seed)
     torch.set_num_threads(options.threads)
-    tables = load_file(options.text / "text.safetensors")
-    listed = (options.text / "mini_phrases.txt").read_text(encoding="utf-8").split("\n")[:-1]
-    text = MiniText(tables, listed, options.text / "mini_tokenizer.json")
+    text = text_half(options.text)
     concepts = load(text, options.camvid)
-    real = camvid(options.camvid, ("train", "val"))
-    made, names = city(options.city)
-    of_names = counts(made, len(names))
+    real, (made, names) = camvid(options.camvid, ("train", "val")), city(options.city)
     of_concepts = np.zeros(len(concepts.names))
-    for name, count in zip(names, of_names, strict=True):
+    for name, count in zip(names, counts(made, len(names)), strict=True):
         if name in concepts.of_city:
             of_concepts[concepts.of_city[name]] += count
     lesson = Lesson(concepts, text, names, (counts(real, 11), of_concepts), options.seed)
-    network = MiniNetwork(text.vectors.shape[1])
-    trunk(network, options.trunk)
-    if options.start:
-        network.load_state_dict(load_torch(options.start))
-    shadow = MiniNetwork(text.vectors.shape[1])
-    shadow.load_state_dict(network.state_dict())
-    frozen = [network.stem, *network.stages[:FROZEN_STAGES]]
-    for part in frozen:
-        part.requires_grad_(False)
-    old = [p for p in network.stages.parameters() if p.requires_grad]
-    new = [p for name, p in network.named_parameters() if not name.startswith(("stem", "stages"))]
-    optimizer = torch.optim.AdamW(
-        [{"params": old, "share": 0.35}, {"params": new, "share": 1.0}], lr=options.rate, weight_decay=0.02
-    )
-    for stage in network.stages:
-        for block in stage:
-            block.look.conv = Floating(block.look.conv)
-    network = network.to(memory_format=torch.channels_last)
+    pupil = Pupil(text.vectors.shape[1], options.trunk, options.start, options.rate)
     print(f"{len(real)} real, {len(made)} made-up pictures, {len(concepts.names)} concepts", flush=True)
-
-    def batches(pictures, scales, seed):
-        crops = Crops(pictures, SIZE, scales, seed)
-        return iter(DataLoader(crops, batch_size=options.batch, num_workers=1, prefetch_factor=4))
-
-    streams = batches(real, (0.6, 1.8), options.seed), batches(made, (0.5, 1.6), options.seed + 1)
+    streams = [
+        iter(
+            DataLoader(
+                Crops(pictures, SIZE, scales, seed),
+                batch_size=options.batch,
+                num_workers=1,
+                prefetch_factor=4,
+            )
+        )
+        for seed, (pictures, scales) in enumerate(((real, (0.6, 1.8)), (made, (0.5, 1.6))), options.seed)
+    ]
     of_camvid = torch.arange(2 * options.batch) < options.batch
-    started, told, step, mean = time.monotonic(), 0.0, 0, 0.0
-    while (part := (time.monotonic() - started) / 60 / options.minutes) < 1:
-        warm = min(1.0, (step + 1) / 60)
-        for group in optimizer.param_groups:
-            group["lr"] = options.rate * group["share"] * warm * (1 - part) ** 0.9
-        network.train()
-        for frozen_part in frozen:
-            frozen_part.eval()
+    started, told, mean = time.monotonic(), 0.0, 0.0
+
+    def keep(every: int) -> None:
+        save_file(pupil.mean.state_dict(), options.out / "network.safetensors")
+        print(
+            f"      CamVid test: {camvid_miou(pupil.mean, text, options.camvid, 'test', every)}", flush=True
+        )
+
+    while (minutes := (time.monotonic() - started) / 60) < options.minutes:
         rgb, label = (torch.cat(both) for both in zip(*(next(stream) for stream in streams), strict=True))
         rgb = rgb.permute(0, 3, 1, 2).contiguous(memory_format=torch.channels_last)
-        with torch.autocast("cpu", torch.bfloat16):
-            features = network(rgb)
-        loss = lesson(features.float(), label, of_camvid)
-        optimizer.zero_grad()
-        loss.backward()
-        nn.utils.clip_grad_norm_([*old, *new], 5.0)
-        optimizer.step()
-        step += 1
-        keep = min(0.995, (step + 1) / (step + 10))
-        with torch.no_grad():
-            ours = {
-                name.replace(".look.conv.conv.", ".look.conv."): value
-                for name, value in network.state_dict().items()
-            }
-            for name, value in shadow.state_dict().items():
-                if value.dtype.is_floating_point:
-                    value.lerp_(ours[name], 1 - keep)
-        mean += 0.02 * (loss.item() - mean) if step > 1 else loss.item()
-        if step % 50 == 0:
-            minutes = (time.monotonic() - started) / 60
-            print(f"{minutes:5.1f} min step {step} loss {mean:.3f}", flush=True)
-            if minutes - told > 8 or step == 50:
+        loss = pupil.step(rgb, label, of_camvid, lesson, minutes / options.minutes)
+        mean = loss if pupil.steps == 1 else mean + 0.02 * (loss - mean)
+        if pupil.steps % 50 == 0:
+            print(f"{minutes:5.1f} min step {pupil.steps} loss {mean:.3f}", flush=True)
+            if minutes - told > 8:
                 told = minutes
-                save_file(shadow.state_dict(), options.out / "network.safetensors")
-                score = camvid_miou(shadow, text, options.camvid, "test", every=6)
-                print(f"      CamVid test, every sixth picture: {score}", flush=True)
-    save_file(shadow.state_dict(), options.out / "network.safetensors")
-    print(f"      CamVid test: {camvid_miou(shadow, text, options.camvid, 'test')}", flush=True)
+                keep(6)
+    keep(1)
 
 
 if __name__ == "__main__":

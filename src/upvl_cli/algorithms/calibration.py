@@ -16,7 +16,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy import ndimage
-from scipy.optimize import minimize
+from scipy.optimize import lsq_linear, minimize
 from scipy.spatial.transform import Rotation
 
 from upvl_cli.algorithms.outlines import LEFT, RIGHT, TOP, Outlines, joined, outlines
@@ -24,12 +24,16 @@ from upvl_cli.geometry.camera import distorted
 from upvl_cli.types import Array, Bools, Camera, Floats
 
 UNITS = np.array([np.deg2rad(0.2)] * 3 + [0.02] * 3)  # both move an outline 6 m away by about as much
+GOOD_ENOUGH = np.array([np.deg2rad(0.1)] * 3 + [0.01] * 3)  # offsets up to here are no fault
+# Of 12 right cameras (bench/check.py) the worst came to 2.1, as sides that lie off together are no chance.
+_SIGMAS = 2.6
 _FOCAL_PX = 800.0  # sharper pictures are made smaller: a LiDAR's samples lie farther apart than their pixels
 # Blur of the edges in degrees, and how many of the six are free: first the rotation, which may be off by degrees.
 _BLURS = ((1.28, 3), (0.64, 3), (0.32, 6), (0.16, 6))
 _PRIOR = np.array([10.0] * 3 + [5.0] * 3)  # 2 degrees, 10 cm: keeps what no outline tells near 0
 _PRIOR_WEIGHT = 1e-2
 _LEAST_OUTLINES = 300
+_FINEST = 0.05  # of UNITS: no drive tells more
 _STRIPS, _SPANS = 8, 3  # parts of the pictures, and of the time, that are taken to err independently
 # How far all outlines of one side may lie off together: half a step between a LiDAR's columns, or its rows.
 _SIDE_OFF_RAD = np.deg2rad([0.05, 0.05, 0.1])
@@ -68,6 +72,21 @@ class Offset:
         """(6,) standard deviations."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
+    @property
+    def is_off(self) -> bool:
+        """Whether no calibration that is good enough explains what was seen."""
+        return self._sigmas_off(self.six) > _SIGMAS
+
+    def tells(self, six: Array) -> bool:
+        """Whether a calibration that is off by (6,) would be reported, were it right but for that."""
+        return self._sigmas_off(six) > _SIGMAS
+
+    def _sigmas_off(self, six: Array) -> float:
+        """Distance from an offset to the nearest one that is good enough, in standard deviations."""
+        whiten = np.linalg.inv(np.linalg.cholesky(self.covariance))
+        nearest = lsq_linear(whiten, whiten @ six, (-GOOD_ENOUGH, GOOD_ENOUGH))
+        return float(np.sqrt(2 * nearest.cost))
+
 
 def offset(camera: Camera, views: Sequence[View]) -> Offset | None:
     """Return how far the calibration of a camera is off; None where too few outlines are seen.
@@ -76,6 +95,8 @@ def offset(camera: Camera, views: Sequence[View]) -> Offset | None:
         camera: Its calibration, right within a few degrees and decimetres.
         views: What it saw, in order of time; ten or more tell 1 degree and 5 cm.
     """
+    if not views:
+        return None
     every = joined([outlines(camera, view.xyz_ego_m, number) for number, view in enumerate(views)])
     if len(every) < _LEAST_OUTLINES:
         return None
@@ -86,7 +107,8 @@ def offset(camera: Camera, views: Sequence[View]) -> Offset | None:
     for blur_rad, free in _BLURS:
         agreement = Agreement(seen_by, every, maps, max(1.0, np.deg2rad(blur_rad) * seen_by.intrinsic[0, 0]))
         state = agreement.best(state, free)
-    return Offset(state * UNITS, agreement.covariance(state) * np.outer(UNITS, UNITS), len(every))
+    covariance = agreement.covariance(state) + _FINEST**2 * np.eye(6)
+    return Offset(state * UNITS, covariance * np.outer(UNITS, UNITS), len(every))
 
 
 def smaller(rgb: Array, shrink: int) -> Floats:

@@ -65,8 +65,8 @@ TABLES = (
         "class-agnostic",
         True,
         (
-            PaperRow("MI-UP labels", "mi-up", (36.9, 35.5, 27.4, 26.4), needs=()),
-            PaperRow("MI-UP detector", "mi-up", (42.1, 40.4, 29.6, 28.4), "detections", ("train", "detect")),
+            PaperRow("MI-UP labels", "moving-only", (36.9, 35.5, 27.4, 26.4), needs=()),
+            PaperRow("MI-UP detector", "moving-only", (42.1, 40.4, 29.6, 28.4), "detections", ("train", "detect")),
             PaperRow("UP-VL labels", "moving-vl", (39.9, 38.4, 34.2, 32.0)),
             PaperRow("UP-VL detector", "moving-vl", (49.9, 48.1, 38.4, 36.9), "detections", DETECTOR),
         ),
@@ -102,7 +102,7 @@ TABLES = (
         True,
         (
             # Not told whether of labels or of a detector trained on them.
-            PaperRow("MI-UP (here: its labels)", "mi-up", (12.8, 45.5), needs=()),
+            PaperRow("MI-UP (here: its labels)", "moving-only", (12.8, 45.5), needs=()),
             PaperRow("MI-UP-C + VL (here: its labels)", "moving-vl", (22.8, 43.4)),
             PaperRow("UP-VL detector", "moving-vl", (41.3, 37.4), "detections", DETECTOR),
         ),

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
-from upvl_cli.types import Array, Floats
+if TYPE_CHECKING:
+    from upvl_cli.types import Array, Floats
 
 
 @dataclass(frozen=True)

@@ -64,7 +64,7 @@ class Mini:
         from upvl_cli.vlm.mini_network import CELL, STRIDE
 
         height, width, _ = rgb.shape
-        pixels = torch.from_numpy(np.ascontiguousarray(rgb)).permute(2, 0, 1)[None].float()
+        pixels = torch.tensor(rgb).permute(2, 0, 1)[None].float()
         # Stretched by a pixel or two where a side is no whole number of cells: they cover the picture evenly.
         wide, high = -(-width // CELL), -(-height // CELL)
         size = (high * CELL, wide * CELL)

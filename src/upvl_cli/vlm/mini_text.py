@@ -3,6 +3,9 @@
 A phrase of the table has the full model's vector. Any other is the weighted mean of its tokens, as in
 model2vec: rare tokens count more (smooth inverse frequency; Arora et al., "A simple but tough-to-beat
 baseline for sentence embeddings", ICLR 2017), the frequency taken from the rank in the vocabulary (Zipf).
+
+Pixels were taught to point at the means of the synonyms of some concepts. A word that is near such a concept
+is drawn to it, so that "motorway" finds what "road" finds; a word that is near none stays where it is.
 """
 
 from __future__ import annotations
@@ -17,6 +20,10 @@ from tokenizers import Tokenizer
 from upvl_cli.types import Array, Floats, Ints
 
 SMOOTH = 1e-3  # of the inverse frequency
+# How words are drawn to concepts; docs/log.md has what was tried.
+PULL = 3.0  # how strongly, beside the word's own vector
+SHARP = 0.03  # cosine that makes one concept count e times another
+NEAR, SOFT = 0.35, 0.05  # a word this near to a concept is drawn to it by half; how gradually that begins
 
 
 def plain(phrase: str) -> str:
@@ -37,18 +44,31 @@ class MiniText:
         """Take the tables.
 
         Args:
-            tables: `tokens` (v, d) and `phrases` (p, d), int8, with `token_scale` (v,) and `phrase_scale` (p,).
+            tables: `tokens` (v, d), `phrases` (p, d) and `concepts` (k, d), int8, each with its scale a row:
+                `token_scale` (v,), `phrase_scale` (p,), `concept_scale` (k,).
             phrases: The p phrases, as `plain` writes them.
             tokenizer: JSON file of the tokenizer.
         """
-        self._tokens = tables["tokens"] * tables["token_scale"].astype(np.float32)[:, None]
-        self.vectors = unit(tables["phrases"] * tables["phrase_scale"].astype(np.float32)[:, None])
+        self._tokens = tables["tokens"] * tables["token_scale"][:, None]
+        self.vectors = unit(tables["phrases"] * tables["phrase_scale"][:, None])
+        self._concepts = unit(tables["concepts"] * tables["concept_scale"][:, None])
         self.phrases = tuple(phrases)
         self._place = {phrase: place for place, phrase in enumerate(self.phrases)}
         self._tokenizer = Tokenizer.from_file(str(tokenizer))
+        self._tokenizer.no_padding()
+        self._tokenizer.no_truncation()
 
     def embed(self, words: Sequence[str]) -> Floats:
-        """(t, d) float32 vectors of length 1; zeros for a phrase without a single known token."""
+        """(t, d) float32 vectors of length 1, drawn to concepts; zeros for a phrase without a single known token."""
+        vectors = self.undrawn(words)
+        likeness = vectors @ self._concepts.T
+        share = np.exp((likeness - likeness.max(axis=1, keepdims=True)) / SHARP)
+        towards = unit(share @ self._concepts)
+        near = 1 / (1 + np.exp((NEAR - likeness.max(axis=1, keepdims=True)) / SOFT))
+        return unit(vectors + PULL * near * vectors.any(axis=1, keepdims=True) * towards)
+
+    def undrawn(self, words: Sequence[str]) -> Floats:
+        """(t, d) float32 vectors of length 1, as the full model or the tokens have them."""
         rows = [self._vector(plain(word)) for word in words]
         return np.array(rows, dtype=np.float32).reshape(-1, self._tokens.shape[1])
 
