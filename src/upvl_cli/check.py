@@ -62,17 +62,25 @@ def check(workspace: Workspace, segment: str) -> Iterator[Finding]:
         BadInput: The drive cannot be read.
     """
     drive = workspace.drive(segment)
-    yield from _frames(drive)
     poses = drive.world_from_ego
     path = workspace.shard("odometry", segment)
     if poses is None and path.is_file():
         table = Table(path, BY_NAME["odometry"].row)
         if table.frames == tuple(frame.index for frame in drive.frames):
             poses = np.array([row.world_from_ego for row in table])
+    yield from check_drive(drive, poses)
+
+
+def check_drive(drive: Drive, poses: Array | None) -> Iterator[Finding]:
+    """Yield what is found on a drive with its poses, (T, 4, 4); no camera is looked at where times go back."""
+    of_frames = list(_frames(drive))
+    yield from of_frames
+    if any(finding.faulty for finding in of_frames):
+        return
     if not drive.cameras:
         yield Finding("drive", "has no camera")
     for camera in drive.cameras:
-        yield from check_camera(drive, camera, poses)
+        yield from _camera(drive, camera, poses)
 
 
 def _frames(drive: Drive) -> Iterator[Finding]:
@@ -89,14 +97,8 @@ def _frames(drive: Drive) -> Iterator[Finding]:
         yield Finding("drive", text, faulty=True)
 
 
-def check_camera(drive: Drive, camera: Camera, poses: Array | None) -> Iterator[Finding]:
-    """Yield what is found on one camera: its mounting, its pictures and their times, its calibration.
-
-    Args:
-        drive: What it belongs to.
-        camera: Its calibration, which is taken from here and not from the drive.
-        poses: (T, 4, 4) world_from_ego of each frame; None where unknown.
-    """
+def _camera(drive: Drive, camera: Camera, poses: Array | None) -> Iterator[Finding]:
+    """What is found on one camera: its mounting, its pictures and their times, its calibration."""
     turn = camera.ego_from_camera[:3, :3]
     if np.abs(turn.T @ turn - np.eye(3)).max() > _SKEW or np.linalg.det(turn) < 0:
         text = "the rotation of its ego_from_camera is none: look at the calibration"
@@ -108,7 +110,11 @@ def check_camera(drive: Drive, camera: Camera, poses: Array | None) -> Iterator[
     if len(seen) < len(frames):
         text = f"no picture in {len(frames) - len(seen)} of {len(frames)} frames looked at"
         yield Finding(camera.name, text, faulty=not seen)
-    wrong = [image.rgb.shape for image in seen.values() if image.rgb.shape[:2] != _shape(camera)]
+    wrong = [
+        image.rgb.shape
+        for image in seen.values()
+        if image.rgb.shape[:2] != (camera.height_px, camera.width_px)
+    ]
     if wrong:
         text = (
             f"a picture has {wrong[0][1]} x {wrong[0][0]} pixels, expected {camera.width_px} x "
@@ -123,10 +129,6 @@ def check_camera(drive: Drive, camera: Camera, poses: Array | None) -> Iterator[
         )
         yield Finding(camera.name, text, faulty=True)
     yield _calibration(camera, list(views(drive, seen, poses)))
-
-
-def _shape(camera: Camera) -> tuple[int, int]:
-    return camera.height_px, camera.width_px
 
 
 def chosen(drive: Drive) -> tuple[Frame, ...]:

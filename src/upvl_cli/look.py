@@ -65,7 +65,8 @@ def chosen_frame(table: Table, segment: str, frame: int | None) -> int:
 def _from_above(workspace: Workspace, segment: str, frame: int, labels: Table) -> Image:
     ground = table_of(workspace, "ground", segment)[frame]
     mask = table_of(workspace, "mask", segment)[frame]
-    state = np.where(mask.is_moving, 2, np.where(ground.is_ground, 0, 1))
+    candidate = mask.is_moving & (mask.background != 1) & ~ground.is_ground
+    state = np.where(candidate, 2, np.where(ground.is_ground, 0, 1))
     return birds_eye(
         VIEW,
         workspace.drive(segment).points(frame).xyz_ego_m,

@@ -70,7 +70,7 @@ def test_names_are_scored_apart_and_riders_count_as_walkers() -> None:
 
 def test_the_command_fills_what_it_can_and_makes_nothing_twice(workspace: Path) -> None:
     made = presets(Workspace(workspace / "stages", workspace / "out"))
-    assert {"mi-up", "clustering"} <= set(made)
+    assert {"moving-only", "clustering"} <= set(made)
     done = upvl(workspace, "tables")
     assert done.returncode == 0, done.stderr
     text = " ".join(done.stdout.split())

@@ -46,7 +46,7 @@ def birds_eye(
     Args:
         view: The part to show.
         xyz_ego_m: (n, 3) points.
-        state: (n,) 0 ground, 1 static, 2 moving.
+        state: (n,) 0 ground, 1 background or not moving, 2 what may be an object.
         boxes: The labels.
         tails: For each track (m, 2) earlier centres in the ego axes of this frame.
         title: Text of the upper left corner.

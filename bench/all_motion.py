@@ -1,0 +1,117 @@
+"""What words are worth to labels in all motion states, on city drives: python bench/all_motion.py [--keep FOLDER].
+
+Labels drives of the split val as shipped, with words switched off, and with other values of r_bg and eps_bg.
+Prints class-agnostic AP (level 2) of all objects and of those that stand, and mAP by name, in percent.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from upvl_cli.evaluation.gather import Material, gather
+from upvl_cli.evaluation.params import EvalParams
+from upvl_cli.evaluation.score import detection_scores, named_scores
+from upvl_cli.metrics.inputs import speed_mps
+from upvl_cli.settings import load
+from upvl_cli.sweep import make, preset_workspace
+from upvl_cli.workspace import Workspace
+from workspaces import on_city
+
+OFF = {"extract-vl": {"images": '"none"'}, "pca": {"images": "0"}, "mask": {"no_view": '"keep"'}}
+MOVING = {
+    **OFF,
+    "mask": {"no_view": '"keep"', "min_speed_mps": "1.0"},
+    "track": {"min_reach_m": "1.0", "min_follow": "0.5"},
+}
+RUNS: dict[str, Mapping[str, Mapping[str, str]]] = {
+    "as shipped": {},
+    "words off": OFF,
+    "moving only": MOVING,
+    "background clusters too": {"propose": {"cluster_background": "true"}},
+    "features in the distance": {"propose": {"eps_vl": "0.5"}},
+    **{
+        f"r_bg {share} %": {"propose": {"max_background_share": f"{share / 100}"}}
+        for share in (10, 50, 90, 99, 100)
+    },
+    **{
+        f"eps_bg {eps}": {"mask": {"calibrated": "false", "eps_bg": str(eps)}}
+        for eps in (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
+    },
+}
+
+
+def main() -> None:
+    """Run, score, print; exits 1 where words do not double the AP of all objects."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--frames", type=int, default=20)
+    parser.add_argument("--drives", type=int, default=2)
+    parser.add_argument("--keep", type=Path)
+    parser.add_argument("--only", nargs="+", default=list(RUNS), help="names of runs")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = on_city(options.keep or Path(scratch), frames=options.frames, train=0, val=options.drives)
+        base = Workspace(folder / "stages", folder / "out", "")
+        done: list[Workspace] = []
+        ap = {}
+        print(f"{'':26} AP@0.4  AP@0.5  standing@0.4  mAP by name (vehicles, VRU)")
+        for name in options.only:
+            workspace = _preset(base, name)
+            for segment in base.segments:
+                for _ in make(base, workspace, done, segment, lambda: None):
+                    pass
+            done.append(workspace)
+            ap[name] = _scores(workspace, name)
+        if {"as shipped", "words off"} <= set(ap):
+            ratio = ap["as shipped"] / max(ap["words off"], 1e-9)
+            print(f"words make {ratio:.2f} times the AP@0.4 of all objects (bar 2)")
+            sys.exit(ratio < 2)
+
+
+def _preset(base: Workspace, name: str) -> Workspace:
+    if not RUNS[name]:
+        return base
+    folder = base.stages / "presets" / name.replace(" ", "-").replace("%", "percent")
+    folder.mkdir(parents=True, exist_ok=True)
+    for stage, values in RUNS[name].items():
+        (folder / f"{stage}.toml").write_text("".join(f"{key} = {value}\n" for key, value in values.items()))
+    return preset_workspace(base, folder.name)
+
+
+def _scores(workspace: Workspace, name: str) -> float:
+    """Print a line; returns AP@0.4 of all objects."""
+    settings = replace(load(EvalParams, workspace.stages / "eval.toml"), iou=(0.4, 0.5), range_edges_m=())
+    named = gather(workspace, "nms", region=None, named=True)
+    material = named.without_classes()
+    both = [of.ap[1] for of in detection_scores(material, settings, moving_only=False)]
+    standing = detection_scores(_standing(material, settings.moving_mps), settings, moving_only=False)[0].ap[
+        1
+    ]
+    vehicles, vru, mean = named_scores(named, iou=0.4, moving_mps=None)
+    figures = [100 * value for value in (*both, standing, mean, vehicles, vru)]
+    print("{:26} {:6.1f}  {:6.1f}  {:12.1f}  {:6.1f} ({:.1f}, {:.1f})".format(name, *figures), flush=True)
+    return both[0]
+
+
+def _standing(material: Material, moving_mps: float) -> Material:
+    """The labels that stand, and the boxes that do."""
+    labels, boxes = (
+        speed_mps(of.velocity_mps) < moving_mps for of in (material.labels, material.predictions)
+    )
+    return replace(
+        material,
+        labels=material.labels[labels],
+        points=material.points[labels],
+        in_view=material.in_view[labels],
+        predictions=material.predictions[np.asarray(boxes)],
+    )
+
+
+if __name__ == "__main__":
+    main()
