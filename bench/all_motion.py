@@ -7,6 +7,7 @@ Prints class-agnostic AP (level 2) of all objects and of those that stand, and m
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 import tempfile
 from collections.abc import Mapping
@@ -21,6 +22,7 @@ from upvl_cli.evaluation.score import detection_scores, named_scores
 from upvl_cli.metrics.inputs import speed_mps
 from upvl_cli.settings import load
 from upvl_cli.sweep import make, preset_workspace
+from upvl_cli.vlm.mini import OBJECTS
 from upvl_cli.workspace import Workspace
 from workspaces import on_city
 
@@ -28,6 +30,7 @@ OFF = {"extract-vl": {"images": '"none"'}, "pca": {"images": "0"}, "mask": {"no_
 MOVING = {
     **OFF,
     "mask": {"no_view": '"keep"', "min_speed_mps": "1.0"},
+    "propose": {"eps_m": "1.0"},
     "track": {"min_reach_m": "1.0", "min_follow": "0.5"},
 }
 RUNS: dict[str, Mapping[str, Mapping[str, str]]] = {
@@ -41,8 +44,8 @@ RUNS: dict[str, Mapping[str, Mapping[str, str]]] = {
         for share in (10, 50, 90, 99, 100)
     },
     **{
-        f"eps_bg {eps}": {"mask": {"calibrated": "false", "eps_bg": str(eps)}}
-        for eps in (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
+        f"eps_bg {eps}": {"mask": {"calibrated": "false", "eps_bg": str(eps), "against": json.dumps(OBJECTS)}}
+        for eps in (-0.4, -0.2, 0.0, 0.08, 0.2, 0.4, 0.6)
     },
 }
 

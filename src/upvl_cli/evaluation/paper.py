@@ -66,7 +66,9 @@ TABLES = (
         True,
         (
             PaperRow("MI-UP labels", "moving-only", (36.9, 35.5, 27.4, 26.4), needs=()),
-            PaperRow("MI-UP detector", "moving-only", (42.1, 40.4, 29.6, 28.4), "detections", ("train", "detect")),
+            PaperRow(
+                "MI-UP detector", "moving-only", (42.1, 40.4, 29.6, 28.4), "detections", ("train", "detect")
+            ),
             PaperRow("UP-VL labels", "moving-vl", (39.9, 38.4, 34.2, 32.0)),
             PaperRow("UP-VL detector", "moving-vl", (49.9, 48.1, 38.4, 36.9), "detections", DETECTOR),
         ),
@@ -112,12 +114,13 @@ TABLES = (
         "named",
         False,
         tuple(
-            PaperRow(f"eps_bg = {value}", preset, (NOT_TOLD, NOT_TOLD, published))
-            for value, preset, published in (
-                ("0.10", "eps-bg-10", 20.5),
-                ("0.05", "eps-bg-05", 21.9),
-                ("0.02", "", 22.4),
-                ("0.00", "eps-bg-00", 22.1),
+            # The values of the sweep stand on another scale here: that of `mini`.
+            PaperRow(f"eps_bg = {value} (here {ours})", preset, (NOT_TOLD, NOT_TOLD, published))
+            for value, ours, preset, published in (
+                ("0.10", "0.4", "eps-bg-10", 20.5),
+                ("0.05", "0.2", "eps-bg-05", 21.9),
+                ("0.02", "0.08", "", 22.4),
+                ("0.00", "-0.1", "eps-bg-00", 22.1),
             )
         ),
     ),
