@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
@@ -66,20 +67,20 @@ def fit(batches: Iterable[Floats], dim: int) -> Basis:
         batches: (n, d) features of any length, n at least `KEPT`; a few pictures at a time.
         dim: d.
     """
+    rest = iter(batches)
+    first = next(rest, None)
+    largest = np.zeros(KEPT, dtype=np.float32)
+    if first is None:
+        return Basis(np.zeros(dim, np.float32), np.zeros((KEPT, dim), np.float32), largest, 0.0)
     from sklearn.decomposition import IncrementalPCA
 
     pca = IncrementalPCA(min(KEPT, dim))
-    largest = np.zeros(KEPT, dtype=np.float32)
-    fitted = False
-    for features in batches:
+    for features in chain([first], rest):
         direction = features / np.maximum(np.linalg.norm(features, axis=1, keepdims=True), 1e-9)
         pca.partial_fit(direction)
-        fitted = True
         # Of the axes so far: they settle after the first pictures, and what lies beyond is cut.
         reach = np.abs((direction - pca.mean_) @ pca.components_.T).max(axis=0)
         largest[: len(reach)] = np.maximum(largest[: len(reach)], reach)
-    if not fitted:
-        return Basis(np.zeros(dim, np.float32), np.zeros((KEPT, dim), np.float32), largest, 0.0)
     components = np.zeros((KEPT, dim), dtype=np.float32)
     components[: len(pca.components_)] = pca.components_
     return Basis(

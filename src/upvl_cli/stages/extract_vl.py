@@ -68,8 +68,10 @@ def run(inputs: Inputs, params: ExtractVlParams) -> Iterator[ExtractVlRow]:
     def sight(step: int) -> Sight:
         """All of a frame but what the network makes of its pictures."""
         frame = poses[step].frame
-        xyz = drive.points(frame).xyz_ego_m
-        motion = flows[frame].flow_mps if params.follow_motion else None
+        flow = flows[frame].flow_mps
+        # Without a picture only the number of the points counts: no sweep need be read.
+        xyz = drive.points(frame).xyz_ego_m if look.cameras else flow
+        motion = flow if params.follow_motion else None
         images = [drive.image(frame, camera.name) for camera in look.cameras]
         return look.sight(step, xyz, motion, images)
 

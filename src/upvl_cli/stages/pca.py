@@ -49,6 +49,8 @@ def run(inputs: Inputs, params: PcaParams) -> Iterator[PcaRow]:
 
     def features() -> Iterator[Floats]:
         """Some cells of some pictures, in the same order each time."""
+        if not params.images:
+            return
         pictures = [
             (drive.name, frame.index, camera.name)
             for drive in inputs.drives()
