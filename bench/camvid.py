@@ -10,14 +10,10 @@ import argparse
 import sys
 from pathlib import Path
 
-import torch
-from safetensors.torch import load_file
-
 sys.path.insert(0, str(Path(__file__).parents[1] / "training" / "mini"))
 from evaluate import camvid_miou
 
-from upvl_cli.vlm.mini import FILES, WEIGHTS, Mini
-from upvl_cli.vlm.mini_network import MiniNetwork
+from upvl_cli.vlm.mini import Mini
 
 
 def main() -> None:
@@ -26,13 +22,9 @@ def main() -> None:
     parser.add_argument("root", type=Path)
     parser.add_argument("--split", default="test")
     parser.add_argument("--every", type=int, default=1)
-    parser.add_argument("--weights", type=Path, default=WEIGHTS / FILES[0])
     options = parser.parse_args()
     model = Mini()
-    network = MiniNetwork(model.dim)
-    network.load_state_dict({k: v.float() for k, v in load_file(options.weights).items()}, strict=False)
-    network.to(memory_format=torch.channels_last)
-    score = camvid_miou(network, model.text, options.root, options.split, options.every)
+    score = camvid_miou(model.embed_image, model.text, options.root, options.split, options.every)
     names = (options.root / "classes.txt").read_text().splitlines()
     print("  ".join(f"{name} {iou:.3f}" for name, iou in zip(names, score.each, strict=False)))
     print(

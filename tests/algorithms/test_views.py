@@ -21,7 +21,7 @@ from upvl_cli.types import Camera
 
 AHEAD = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 CAMERA = Camera("front", 640, 400, np.array([[500.0, 0, 320], [0, 500, 200], [0, 0, 1]]), np.zeros(5), AHEAD)
-LIMITS = {"border_px": 2.0, "gap_deg": 0.6, "closer_m": 0.5, "closer_share": 0.1}
+LIMITS = {"border_px": 2.0, "gap_deg": 0.9, "closer_m": 0.5, "closer_share": 0.1}
 
 
 def states(xyz: np.ndarray) -> np.ndarray:
@@ -39,9 +39,9 @@ def test_what_lies_behind_a_wall_is_hidden_and_what_lies_beside_it_is_not() -> N
     near, far = wall(10, (-2, 2), (-1, 1)), wall(30, (-12, 12), (-4, 4))
     found = states(np.concatenate([near, far]))
     assert (found[: len(near)] == SEEN).all()
-    # Seen through the wall: the far points whose ray meets it, but for a beam's width at its edges.
+    # Seen through the wall, or so near to its edge that they may be hidden: not told by a beam or two.
     behind = (np.abs(far[:, 1]) < 5.5) & (np.abs(far[:, 2]) < 2.5)
-    beside = (np.abs(far[:, 1]) > 6.5) | (np.abs(far[:, 2]) > 3.5)
+    beside = (np.abs(far[:, 1]) > 7.0) | (np.abs(far[:, 2]) > 3.9)
     assert (found[len(near) :][behind] == OCCLUDED).all()
     assert (found[len(near) :][beside] == SEEN).all()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,7 +13,7 @@ from phrases import WORDS
 from PIL import Image
 from torch.nn import functional
 
-from upvl_cli.vlm.mini_network import CELL, STRIDE, MiniNetwork
+from upvl_cli.types import Array
 from upvl_cli.vlm.mini_text import MiniText
 
 
@@ -28,29 +29,23 @@ class Score(NamedTuple):
     rounds: tuple[tuple[tuple[str, ...], float], ...]
 
 
-def camvid_miou(network: MiniNetwork, text: MiniText, root: Path, split: str, every: int = 1) -> Score:
-    """Score the pictures of a split."""
+def camvid_miou(
+    embed: Callable[[Array], Array], text: MiniText, root: Path, split: str, every: int = 1
+) -> Score:
+    """Score the pictures of a split; `embed` gives (h', w', d) features of a picture."""
     classes = [line for line in (root / "classes.txt").read_text().splitlines() if line][:11]
-    kept = {
-        concept.get("camvid"): concept["test"]
-        for concept in reversed(tomllib.loads(WORDS.read_text()).values())
-    }
+    concepts = tomllib.loads(WORDS.read_text(encoding="utf-8")).values()
+    kept = {name: concept["test"] for name in classes for concept in concepts if name in concept["words"]}
     rounds = [classes, *([kept[name][turn % len(kept[name])] for name in classes] for turn in range(3))]
     tables = [torch.tensor(text.embed(words)) for words in rounds]
     confusion = np.zeros((len(rounds), 11, 11), dtype=np.int64)
-    network.eval()
     for path in sorted((root / split).glob("*.jpg"))[::every]:
         label = np.asarray(Image.open(root / f"{split}annot" / f"{path.stem}.png"))
-        rgb = torch.tensor(np.asarray(Image.open(path).convert("RGB"))).permute(2, 0, 1)[None].float()
-        height, width = rgb.shape[-2:]
-        pad = (0, -width % STRIDE, 0, -height % STRIDE)
+        features = torch.tensor(embed(np.asarray(Image.open(path).convert("RGB")))).permute(2, 0, 1)[None]
         with torch.inference_mode():
-            features = network(functional.pad(rgb, pad, mode="replicate"))
             for number, table in enumerate(tables):
                 likeness = torch.einsum("ndhw,kd->nkhw", features, table)
-                full = functional.interpolate(likeness, scale_factor=CELL, mode="bilinear")[
-                    ..., :height, :width
-                ]
+                full = functional.interpolate(likeness, label.shape, mode="bilinear")
                 named = full.argmax(1)[0].numpy()
                 known = label < 11
                 confusion[number] += np.bincount(label[known] * 11 + named[known], minlength=121).reshape(

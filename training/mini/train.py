@@ -24,7 +24,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 from torch.utils.data import DataLoader
 
-from upvl_cli.vlm.mini_network import MiniNetwork
+from upvl_cli.types import Array
+from upvl_cli.vlm.mini_network import CELL, STRIDE, MiniNetwork
 from upvl_cli.vlm.mini_text import MiniText, unit
 
 SIZE = (288, 384)
@@ -220,6 +221,16 @@ class Pupil:
         self._average(min(0.995, (self.steps + 1) / (self.steps + 10)))
         return loss.item()
 
+    def embed(self, rgb: Array) -> Array:
+        """(h', w', d) features of a picture whose sides are multiples of 4, at its own size."""
+        self.mean.eval()
+        height, width, _ = rgb.shape
+        pixels = torch.tensor(rgb).permute(2, 0, 1)[None].float()
+        padded = functional.pad(pixels, (0, -width % STRIDE, 0, -height % STRIDE), mode="replicate")
+        with torch.inference_mode():
+            features = self.mean(padded)[0, :, : height // CELL, : width // CELL]
+        return features.permute(1, 2, 0).numpy()
+
     @torch.no_grad()
     def _average(self, keep: float) -> None:
         ours = {
@@ -264,7 +275,7 @@ def main() -> None:
     def keep(every: int) -> None:
         save_file(pupil.mean.state_dict(), options.out / "network.safetensors")
         print(
-            f"      CamVid test: {camvid_miou(pupil.mean, text, options.camvid, 'test', every)}", flush=True
+            f"      CamVid test: {camvid_miou(pupil.embed, text, options.camvid, 'test', every)}", flush=True
         )
 
     while (minutes := (time.monotonic() - started) / 60) < options.minutes:

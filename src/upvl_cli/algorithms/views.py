@@ -15,6 +15,7 @@ from upvl_cli.types import Array, Bools, Camera, Floats, Ints
 SEEN, OCCLUDED, NO_VIEW = 0, 1, 2
 NO_CAMERA = -1
 _CELL_PX = 2.0  # of the grid that holds the nearest depth
+_FAR_CLOSER = 0.7  # of a point's depth: what is closer than that may hide it on one side alone
 
 
 class View(NamedTuple):
@@ -44,7 +45,8 @@ def view(
 
     A point is hidden when surfaces that are closer surround it: above and below, or left and right. So the far
     side of a car, which the LiDAR looks at over its roof, is hidden, but the road before a car is not, though
-    whatever lies below it in the picture is closer.
+    whatever lies below it in the picture is closer. Something very much closer hides on one side alone: its edge
+    lies up to a beam beyond its last point, and the LiDAR, higher up, looks over it.
 
     Args:
         camera: The camera.
@@ -63,7 +65,8 @@ def view(
     state[inside] = SEEN
     gap_px = np.deg2rad(gap_deg) * camera.intrinsic[0, 0]
     limit_m = depth_m[inside] - closer_m - closer_share * depth_m[inside]
-    state[np.flatnonzero(inside)[_surrounded(uv[inside], depth_m[inside], limit_m, gap_px)]] = OCCLUDED
+    hidden = _surrounded(uv[inside], depth_m[inside], limit_m, gap_px)
+    state[np.flatnonzero(inside)[hidden]] = OCCLUDED
     return View(uv, state, inset)
 
 
@@ -80,7 +83,9 @@ def _surrounded(uv_px: Floats, depth_m: Floats, limit_m: Floats, gap_px: float) 
         # A beam is not quite level in the picture: its neighbours may lie a cell to the side.
         around = minimum_filter1d(nearest, 3, axis=1 - axis, mode="constant", cval=np.inf)
         sides = [_before(around, reach, axis), np.flip(_before(np.flip(around, axis), reach, axis), axis)]
-        hidden |= np.all([side[row, column] < limit_m for side in sides], axis=0)
+        closer = [side[row, column] for side in sides]
+        hidden |= np.all([side < limit_m for side in closer], axis=0)
+        hidden |= np.any([side < _FAR_CLOSER * depth_m for side in closer], axis=0)
     return hidden
 
 

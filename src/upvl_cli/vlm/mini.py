@@ -23,6 +23,10 @@ OBJECTS = (
     "car", "vehicle", "parked vehicle", "sedan", "truck", "bus", "van", "minivan", "school bus", "pickup truck",
     "ambulance", "fire truck", "human", "person", "pedestrian", "cyclist", "bicycle",
 )  # fmt: skip
+# Pictures are brought to the size that the network learnt at, and looked at once more at half of it: what is
+# large and near is told from far away.
+DETAIL_PX, LARGEST = 280_000, 1.25
+WHOLE_SCALE, WHOLE_WEIGHT = 0.5, 0.5
 FILES = ("mini_image.safetensors", "mini_text.safetensors", "mini_phrases.txt", "mini_tokenizer.json")
 
 
@@ -62,23 +66,33 @@ class Mini:
         return self.text.embed(words)
 
     def embed_image(self, rgb: Array) -> Floats:
-        """(h / 4, w / 4, d) features, rounded up."""
+        """(h', w', d) features of length 1, from a look at the details and one at the whole."""
         import torch
+        from torch.nn import functional
+
+        height, width, _ = rgb.shape
+        pixels = torch.tensor(rgb).permute(2, 0, 1)[None].float()
+        scale = min((DETAIL_PX / (height * width)) ** 0.5, LARGEST)
+        with torch.inference_mode():
+            detail, whole = (self._looked(pixels, scale * part) for part in (1.0, WHOLE_SCALE))
+            whole = functional.interpolate(whole, detail.shape[-2:], mode="bilinear", align_corners=False)
+            features = functional.normalize(detail + WHOLE_WEIGHT * whole, dim=1)
+        return np.asarray(features[0].permute(1, 2, 0).numpy())
+
+    def _looked(self, pixels: Tensor, scale: float) -> Tensor:
+        """(1, d, h', w') features of length 1 of a picture at another size, of whole cells."""
         from torch.nn import functional
 
         from upvl_cli.vlm.mini_network import CELL, STRIDE
 
-        height, width, _ = rgb.shape
-        pixels = torch.tensor(rgb).permute(2, 0, 1)[None].float()
-        # Stretched by a pixel or two where a side is no whole number of cells: they cover the picture evenly.
-        wide, high = -(-width // CELL), -(-height // CELL)
+        high, wide = (max(round(side * scale / CELL), 1) for side in pixels.shape[-2:])
         size = (high * CELL, wide * CELL)
+        resized = functional.interpolate(
+            pixels, size, mode="bilinear", align_corners=False, antialias=scale < 1
+        )
         pad = (0, -size[1] % STRIDE, 0, -size[0] % STRIDE)
-        with torch.inference_mode():
-            if size != (height, width):
-                pixels = functional.interpolate(pixels, size, mode="bilinear", align_corners=False)
-            features: Tensor = self._network(functional.pad(pixels, pad, mode="replicate"))
-        return np.asarray(features[0, :, :high, :wide].permute(1, 2, 0).float().numpy())
+        features = self._network(functional.pad(resized, pad, mode="replicate"))
+        return functional.normalize(features[:, :, :high, :wide], dim=1)
 
     @cached_property
     def _network(self) -> Any:
