@@ -37,9 +37,10 @@ class Basis:
 
     def kept(self, features: Array) -> Floats:
         """(..., KEPT) values of (..., d) features of any length; not rounded."""
-        length = np.linalg.norm(features, axis=-1, keepdims=True)
-        direction = features / np.maximum(length, 1e-9)
-        return np.asarray((direction - self.mean) @ self.components.T, dtype=np.float32)
+        length = np.sqrt(np.einsum("...d,...d->...", features, features))[..., None]
+        # W (f / |f| - m), in an order that makes no second array of full features.
+        turned = features @ self.components.T / np.maximum(length, 1e-9)
+        return np.asarray(turned - self.components @ self.mean, dtype=np.float32)
 
     def rounded(self, values: Floats) -> Ints:
         """(..., KEPT) int8 of values."""

@@ -81,6 +81,7 @@ class Mini:
 
     def _looked(self, pixels: Tensor, scale: float) -> Tensor:
         """(1, d, h', w') features of length 1 of a picture at another size, of whole cells."""
+        import torch
         from torch.nn import functional
 
         from upvl_cli.vlm.mini_network import CELL, STRIDE
@@ -91,7 +92,8 @@ class Mini:
             pixels, size, mode="bilinear", align_corners=False, antialias=scale < 1
         )
         pad = (0, -size[1] % STRIDE, 0, -size[0] % STRIDE)
-        features = self._network(functional.pad(resized, pad, mode="replicate"))
+        padded = functional.pad(resized, pad, mode="replicate").contiguous(memory_format=torch.channels_last)
+        features = self._network(padded)
         return functional.normalize(features[:, :, :high, :wide], dim=1)
 
     @cached_property
