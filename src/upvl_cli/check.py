@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from upvl_cli.algorithms.calibration import GOOD_ENOUGH, Offset, View, offset
+from upvl_cli.geometry.path import pose_at
 from upvl_cli.geometry.se3 import apply, inverse
 from upvl_cli.parallel import in_order
 from upvl_cli.stages import BY_NAME
@@ -149,23 +150,12 @@ def views(drive: Drive, seen: Mapping[Frame, Image], poses: Array | None) -> Ite
         # One LiDAR only, the one of most points: others sit elsewhere and see behind what this one sees.
         xyz_m = points.xyz_ego_m[points.sensor == np.bincount(points.sensor, minlength=1).argmax()]
         if poses is not None and image.time_ns != frame.time_ns and len(poses) > 1:
-            at_picture, at_frame = (_pose(drive.frames, poses, t) for t in (image.time_ns, frame.time_ns))
+            at_picture, at_frame = (
+                pose_at([frame.time_ns for frame in drive.frames], poses, t)
+                for t in (image.time_ns, frame.time_ns)
+            )
             xyz_m = apply(inverse(at_picture) @ at_frame, xyz_m)
         yield View(image.rgb, xyz_m)
-
-
-def _pose(frames: Sequence[Frame], poses: Array, time_ns: int) -> Array:
-    """(4, 4) world_from_ego at a time, with the speed of the frames around it."""
-    from scipy.spatial.transform import Rotation
-
-    after = np.searchsorted([frame.time_ns for frame in frames], time_ns)
-    first = int(np.clip(after - 1, 0, len(frames) - 2))
-    step = inverse(poses[first]) @ poses[first + 1]
-    part = (time_ns - frames[first].time_ns) / (frames[first + 1].time_ns - frames[first].time_ns)
-    moved = np.eye(4)
-    moved[:3, :3] = Rotation.from_rotvec(part * Rotation.from_matrix(step[:3, :3]).as_rotvec()).as_matrix()
-    moved[:3, 3] = part * step[:3, 3]
-    return np.asarray(poses[first] @ moved)
 
 
 def _calibration(camera: Camera, seen: Sequence[View]) -> Finding:

@@ -7,10 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from upvl_cli.algorithms.open_vocabulary import KEPT, Basis
 from upvl_cli.algorithms.views import OCCLUDED, SEEN, View, at_time, best, sampled, view
+from upvl_cli.geometry.path import pose_at
 from upvl_cli.types import Array, Camera, Floats, Image, Ints
 
 
@@ -102,19 +102,7 @@ class Look:
         else:
             late_s = (image.time_ns - self._times_ns[step]) * 1e-9
             pose = self._poses[step]
-            xyz_ego_m = at_time(xyz_ego_m, velocity_mps, late_s, pose, self._pose_at(image.time_ns))
+            xyz_ego_m = at_time(
+                xyz_ego_m, velocity_mps, late_s, pose, pose_at(self._times_ns, self._poses, image.time_ns)
+            )
         return view(camera, xyz_ego_m, **self._limits)
-
-    def _pose_at(self, time_ns: int) -> Array:
-        """(4, 4) world_from_ego at any time: on the way between two frames, or on from the first or last two."""
-        if len(self._poses) < 2:
-            return np.asarray(self._poses[0])
-        after = int(np.clip(np.searchsorted(self._times_ns, time_ns), 1, len(self._poses) - 1))
-        first, second = self._poses[after - 1 : after + 1]
-        span = self._times_ns[after] - self._times_ns[after - 1]
-        part = (time_ns - self._times_ns[after - 1]) / span
-        turn = Rotation.from_matrix(first[:3, :3].T @ second[:3, :3]).as_rotvec() * part
-        pose = np.eye(4)
-        pose[:3, :3] = first[:3, :3] @ Rotation.from_rotvec(turn).as_matrix()
-        pose[:3, 3] = first[:3, 3] + (second[:3, 3] - first[:3, 3]) * part
-        return pose

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from upvl_cli.stage import Row, Stage, column, param
 
@@ -78,13 +78,8 @@ def run(inputs: Inputs, params: ExtractVlParams) -> Iterator[ExtractVlRow]:
     for step, seen in enumerate(in_order(sight, range(len(poses)))):
         for reason, items in seen.counts.items():
             inputs.count(reason, items)
-        codes = seen.features(embed(inputs), fitted.basis)
+        codes = seen.features(inputs.model.embed_image, fitted.basis)
         yield ExtractVlRow(inputs.segment, poses[step].frame, seen.state, seen.camera, codes)
-
-
-def embed(inputs: Inputs) -> Any:
-    """The picture network; it is loaded when the first picture comes."""
-    return lambda rgb: inputs.model.embed_image(rgb)
 
 
 STAGE = Stage(

@@ -71,7 +71,8 @@ def run(inputs: Inputs, params: ProposeParams) -> Iterator[ProposeRow]:
     from upvl_cli.parallel import in_order
 
     drive, settings = inputs.drive, asdict(params)
-    look_m = params.eps_m / settings.pop("eps_vl") if params.eps_vl else settings.pop("eps_vl")
+    eps_vl = settings.pop("eps_vl")
+    look_m = params.eps_m / eps_vl if eps_vl else 0.0
     poses = list(inputs.table("odometry"))
     flows, grounds, masks = (inputs.table(name) for name in ("flow", "ground", "mask"))
     features, (fitted,) = inputs.table("extract-vl"), inputs.table("pca")
