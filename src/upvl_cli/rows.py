@@ -39,3 +39,23 @@ class LabelRow(BoxRow):
         from upvl_cli.types import Boxes
 
         return Boxes(self.seven, self.velocity_mps, self.score, self.track_id)
+
+
+@dataclass(frozen=True)
+class ObjectRow(LabelRow):
+    """Boxes of one frame with the vision-language features of the points inside of them: what a query reads."""
+
+    time_ns: int = column("int64", "time of the sweep", "ns")
+    of_box: Array = column("int32", "place of the box that the point is in, ascending", per="object point")
+    feature: Array = column(
+        "int8",
+        "values of each object point, to be scaled by pca's steps; by box, then in the order of the points",
+        per="object point",
+        shape=(64,),
+    )
+    pooled: Array = column(
+        "int8",
+        "mean feature of each box, rounded in the same way; zeros without points",
+        per="box",
+        shape=(64,),
+    )
