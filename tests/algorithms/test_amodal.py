@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -48,7 +50,7 @@ def drive_past(heading_rad: float, frames: int = 12) -> tuple[Sightings, np.ndar
     seen = np.array([tight_box(cloud, heading_rad, trim=0.0) for cloud in clouds])
     velocity = np.tile([*(8 * way), 0.0], (frames, 1))
     heights = [cloud[:, 2] for cloud in clouds]
-    return Sightings(clouds, heights, seen, velocity, sensor), truth
+    return Sightings(clouds, heights, seen, velocity, sensor, np.zeros(frames)), truth
 
 
 @pytest.mark.parametrize("heading_rad", [0.0, 0.6, 2.0, -2.8])
@@ -72,7 +74,7 @@ def test_frames_without_points_keep_the_size_and_follow_the_track() -> None:
     for gap in (4, 5):
         clouds[gap], heights[gap] = np.zeros((0, 3)), np.zeros(0)
         seen.seven[gap, :2] = truth[gap, :2]
-    boxes = amodal(Sightings(clouds, heights, seen.seven, seen.velocity_mps, seen.sensor_xy_m), **SETTINGS)
+    boxes = amodal(replace(seen, xyz_m=clouds, height_m=heights), **SETTINGS)
     assert np.isfinite(boxes).all()
     assert np.linalg.norm(boxes[[4, 5], :2] - truth[[4, 5], :2], axis=1).max() < 1.0
 

@@ -20,6 +20,11 @@ EDGE_FLOOR_M = 0.05
 WIDE_M = 1.2  # wider than walkers and cyclists: has wheels, and is longer than wide
 LONG_M = 3.0  # longer than a cyclist: has four wheels,
 VEHICLE_WIDTH_M = 1.6  # and is at least about as wide as a small car
+END_M = 2.6  # what stands on a road is no wider: a longer face is a side
+# Of a person one side is seen. The size of KITTI's mean pedestrian; heights that people and riders have.
+PERSON_LW_M = (0.8, 0.6)
+PERSON_HEIGHT_M = (1.0, 2.2)
+STAND_M = 1.5  # what is seen lower than this in some of its frames stands on the ground in all of them
 
 
 @dataclass(frozen=True)
@@ -32,6 +37,7 @@ class Sightings:
         seven: (T, 7) box of each frame: place and size of what was seen.
         velocity_mps: (T, 3) smooth velocity.
         sensor_xy_m: (T, 2) where the sensor stood.
+        sensor_heading_rad: (T,) where the car that carries it pointed.
     """
 
     xyz_m: Sequence[Floats]
@@ -39,6 +45,7 @@ class Sightings:
     seven: Floats
     velocity_mps: Floats
     sensor_xy_m: Floats
+    sensor_heading_rad: Floats
 
 
 def amodal(
@@ -73,7 +80,7 @@ def amodal(
             something seen from straight behind or before, the length is not seen.
     """
     clouds = [_body(xyz, height, foot_m) for xyz, height in zip(seen.xyz_m, seen.height_m, strict=True)]
-    heading = _headings(seen.velocity_mps, clouds, moving_mps)
+    heading = _headings(seen, clouds, moving_mps)
     clouds, sensor = _centred(clouds, seen, heading)
     motions = register(
         clouds,
@@ -86,12 +93,13 @@ def amodal(
     if len(fitted) < FEWEST_FRAMES:
         fitted = {}
     low, high = _edges(clouds)
-    middle, size = _model(clouds, fitted, low, high, sensor, edge_share, min_aspect)
+    floor, height_m = _stood(seen, edge_share)
+    is_tall = PERSON_HEIGHT_M[0] <= height_m <= PERSON_HEIGHT_M[1]
+    least = np.array(PERSON_LW_M) * is_tall
+    middle, size = _model(clouds, fitted, low, high, sensor, edge_share, min_aspect, least)
     offset = _held(low, high, sensor, size)
     for at, motion in fitted.items():
         offset[at] = _moved(inverse(motion), middle)
-    floor = seen.seven[:, 2] - seen.seven[:, 5] / 2
-    height_m = _reached(seen.seven[:, 5], edge_share)
     boxes = np.empty((len(heading), 7))
     boxes[:, :2] = seen.seven[:, :2] + along(_filled(offset), -heading)
     boxes[:, 2] = floor + height_m / 2
@@ -107,16 +115,54 @@ def _body(xyz_m: Floats, height_m: Floats, foot_m: float) -> Floats:
     return xyz_m[body] if body.any() else xyz_m
 
 
-def _headings(velocity_mps: Floats, clouds_m: Sequence[Floats], moving_mps: float) -> Array:
+def _headings(seen: Sightings, clouds_m: Sequence[Floats], moving_mps: float) -> Array:
     """(T,) heading of each frame: that of motion, held through stops; the shape's where nothing moves."""
-    moves = np.hypot(velocity_mps[:, 0], velocity_mps[:, 1]) >= moving_mps
+    velocity = seen.velocity_mps
+    moves = np.hypot(velocity[:, 0], velocity[:, 1]) >= moving_mps
     if not moves.any():
-        still = rectangle_heading(
-            np.concatenate(clouds_m)[:, :2], step_rad=FAN_STEP_RAD, floor_m=EDGE_FLOOR_M
-        )
-        return np.full(len(velocity_mps), still)
-    heading = np.unwrap(np.arctan2(velocity_mps[moves, 1], velocity_mps[moves, 0]))
+        return np.full(len(velocity), _parked(np.concatenate(clouds_m)[:, :2], seen))
+    heading = np.unwrap(np.arctan2(velocity[moves, 1], velocity[moves, 0]))
     return np.asarray(np.interp(np.arange(len(moves)), np.flatnonzero(moves), heading))
+
+
+def _parked(xy_m: Array, seen: Sightings) -> float:
+    """Heading of what stands, from its shape; of both ways the one at an acute angle to the ego heading (UP-VL).
+
+    A side that is longer than any vehicle is wide lies along it. A shorter face is an end when it is
+    turned to the sensor: what lies behind it is hidden.
+    """
+    if len(xy_m) < FEWEST:
+        return float(np.median(seen.sensor_heading_rad))
+    angle = rectangle_heading(xy_m, step_rad=FAN_STEP_RAD, floor_m=EDGE_FLOOR_M)
+    turned = along(xy_m, angle)
+    extent = np.subtract(*np.quantile(turned, (1 - TRIM, TRIM), axis=0))
+    longest = extent.max()
+    across = bool(extent[1] > extent[0])
+    if WIDE_M < longest <= END_M:
+        sight = along(xy_m.mean(axis=0) - np.mean(seen.sensor_xy_m, axis=0), angle)
+        across = bool(abs(sight[1]) > abs(sight[0]))
+    angle += across * np.pi / 2
+    away = np.cos(angle - seen.sensor_heading_rad).mean() < 0
+    return float(angle + away * np.pi)
+
+
+def _stood(seen: Sightings, edge_share: float) -> tuple[Array, float]:
+    """(T,) heights of the lower side of the box, and its height.
+
+    A thing that shows its foot once stands on the ground in all frames, also where its foot is hidden.
+    """
+    low, high, ground = (np.full(len(seen.xyz_m), np.nan) for _ in range(3))
+    for at, (xyz, height) in enumerate(zip(seen.xyz_m, seen.height_m, strict=True)):
+        if len(xyz):
+            low[at], high[at] = height.min(), height.max()
+            ground[at] = np.median(xyz[:, 2] - height)
+    known = np.flatnonzero(np.isfinite(low))
+    if not len(known):
+        return seen.seven[:, 2] - seen.seven[:, 5] / 2, float(_reached(seen.seven[:, 5], edge_share))
+    lowest = -float(_reached(-low, edge_share))
+    foot = lowest if lowest >= STAND_M else 0.0
+    floor = np.interp(np.arange(len(ground)), known, ground[known]) + foot
+    return floor, float(_reached(high, edge_share)) - foot
 
 
 def _centred(clouds_m: Sequence[Floats], seen: Sightings, heading: Array) -> tuple[list[Array], Array]:
@@ -145,6 +191,7 @@ def _model(
     sensor: Array,
     edge_share: float,
     min_aspect: float,
+    least_small: Array,
 ) -> tuple[Array, Array]:
     """(2,) middle of the whole object in the axes of its densest cloud, and (2,) its length and width."""
     if fitted:
@@ -154,7 +201,7 @@ def _model(
     else:
         size = _reached(high - low, edge_share)
         first, last, eye = -size / 2, size / 2, sensor
-    size = _completed(last - first, min_aspect)
+    size = _completed(last - first, min_aspect, least_small)
     # What is added lies behind the edge that faces the sensor.
     near_is_first = eye.mean(axis=0) < (first + last) / 2
     return np.where(near_is_first, first + size / 2, last - size / 2), size
@@ -164,9 +211,9 @@ def _moved(motion: Array, xy_m: Array) -> Array:
     return apply(motion, np.array([[*xy_m, 0.0]]))[0, :2]
 
 
-def _completed(size: Array, min_aspect: float) -> Array:
+def _completed(size: Array, min_aspect: float, least_small: Array) -> Array:
     """Length and width of at least what a thing of that width or length has."""
-    length, width = size
+    length, width = size if size.max() > WIDE_M else np.maximum(size, least_small)
     if width > WIDE_M:
         length = max(length, min_aspect * width)
     if length > LONG_M:

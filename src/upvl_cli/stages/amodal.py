@@ -81,7 +81,7 @@ def _sightings(inputs: Inputs, step: Array, track_id: Array) -> Iterator[tuple[A
 
     rows, poses = list(inputs.table("track")), inputs.table("odometry")
     grounds, proposals = inputs.table("ground"), inputs.table("propose")
-    xyz_m, height_m, seven, velocity_mps, sensor_xy_m = [], [], [], [], []
+    xyz_m, height_m, seven, velocity_mps, sensor_xy_m, sensor_heading_rad = [], [], [], [], [], []
     drive = inputs.drive
     sweeps = in_order(lambda row: drive.points(row.frame).xyz_ego_m, rows)
     for row, xyz_ego_m in zip(rows, sweeps, strict=True):
@@ -95,8 +95,10 @@ def _sightings(inputs: Inputs, step: Array, track_id: Array) -> Iterator[tuple[A
         seven.append(transform(row.seven, pose))
         velocity_mps.append(row.velocity_mps @ pose[:3, :3].T)
         sensor_xy_m.append(np.tile(pose[:2, 3], (len(row.seven), 1)))
+        sensor_heading_rad.append(np.full(len(row.seven), np.arctan2(pose[1, 0], pose[0, 0])))
     columns = [
-        np.concatenate(parts) if parts else np.zeros((0, 7)) for parts in (seven, velocity_mps, sensor_xy_m)
+        np.concatenate(parts) if parts else np.zeros((0, 7))
+        for parts in (seven, velocity_mps, sensor_xy_m, sensor_heading_rad)
     ]
     for number in np.unique(track_id):
         here = np.flatnonzero(track_id == number)
@@ -110,4 +112,5 @@ STAGE = Stage(
     params=AmodalParams,
     row=LabelRow,
     reads=("raw", "odometry", "ground", "propose", "track"),
+    version=2,
 )
