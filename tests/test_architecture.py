@@ -25,7 +25,9 @@ ALLOWED = {
     "drawing": BASE | {"drawing", "geometry"},
     "datasets": BASE | {"datasets", "geometry", "stage"},
     "vlm": BASE | {"vlm", "parallel"},
-    "stages": BASE | {"algorithms", "metrics", "geometry", "stage", "inputs", "rows", "parallel", "stages"},
+    "detector": BASE | {"detector", "geometry", "parallel"},
+    "stages": BASE
+    | {"algorithms", "detector", "metrics", "geometry", "stage", "inputs", "rows", "parallel", "stages"},
     "evaluation": BASE
     | {
         "evaluation",

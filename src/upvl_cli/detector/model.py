@@ -1,0 +1,197 @@
+"""The network: two sweeps of points in, boxes and features of the vision-language space out.
+
+PointPillars (Lang et al., CVPR 2019) with the distillation head of UP-VL (Section 3.4). All norms look at one
+sample only, so that a batch gives what its samples give alone, in one process or in several.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from upvl_cli.detector.anchors import Anchors
+from upvl_cli.detector.batch import FEATURE, Batch, Grid
+from upvl_cli.detector.centres import Centres
+from upvl_cli.detector.head import RESIDUAL, STRIDE, Head
+from upvl_cli.errors import BadSetting
+
+HEADS: dict[str, type[Anchors] | type[Centres]] = {"anchors": Anchors, "centres": Centres}
+_RARE = 0.01  # objectness of a place before training (RetinaNet, Lin et al., ICCV 2017)
+_RAW = 5  # values of a point that go into its feature: x, y, z, intensity, elongation
+_POINT = 11  # values of a point that go into its pillar: those, time, offsets from centre (2) and mean (3)
+_GROUP = 8  # channels a norm looks at together
+
+
+@dataclass(frozen=True)
+class Output:
+    """What the network says of a batch.
+
+    Attributes:
+        objectness: (b, k) logit of each place.
+        residual: (b, k, RESIDUAL) numbers of the box of each place.
+        told: (b, cells, 64) share of each cell in the features of its points; None without distillation.
+    """
+
+    objectness: Tensor
+    residual: Tensor
+    told: Tensor | None
+
+
+class Detector(nn.Module):
+    """Boxes of any class, and the feature of each point."""
+
+    def __init__(self, grid: Grid, width: int, encoder: str, distils: bool) -> None:
+        """Build it with random weights.
+
+        Args:
+            grid: What it sees.
+            width: Channels of a pillar; a multiple of 8. The rest of the network grows with it.
+            encoder: Which of `HEADS` says where boxes are.
+            distils: Whether it has the head for features.
+
+        Raises:
+            BadSetting: There is no such encoder, or the width is none.
+        """
+        super().__init__()
+        if encoder not in HEADS:
+            raise BadSetting(f"encoder is {encoder!r}, expected one of: {', '.join(HEADS)}")
+        if width < _GROUP or width % _GROUP:
+            raise BadSetting(f"width is {width}, expected a multiple of {_GROUP}")
+        self.grid = grid
+        self.head: Head = HEADS[encoder](grid)
+        self.pillars = _Pillars(grid, width)
+        self.backbone = _Backbone(width)
+        self.says = nn.Conv2d(self.backbone.width, self.head.each_cell * (1 + RESIDUAL), 1)
+        self.tells = nn.Linear(self.backbone.width + _RAW, FEATURE) if distils else None
+        self._start_quiet()
+
+    def forward(self, batch: Batch) -> Output:
+        """Say where boxes are; features of points are asked for with `features`."""
+        seen = self.backbone(self.pillars(batch))  # (b, channels, x, y)
+        said = self.says(seen).permute(0, 2, 3, 1)
+        said = said.reshape(batch.size, -1, 1 + RESIDUAL).float()  # (b, k, 9)
+        return Output(said[..., 0], said[..., 1:], self._told(seen))
+
+    def features(self, output: Output, batch: Batch, rows: Tensor) -> Tensor:
+        """(r, 64) features of some points: the linear layer on the cell's features and the point's values.
+
+        The layer is applied to the cell once and to the point, and the two are added: what is asked for
+        costs next to nothing.
+
+        Args:
+            output: What the network said of `batch`.
+            batch: Points.
+            rows: (r,) which of them.
+        """
+        assert self.tells is not None and output.told is not None
+        points = batch.points[rows]
+        along, across = self.grid.shape
+        column, row = (_cell(points, self.grid, axis) // STRIDE for axis in (0, 1))
+        cell = column * (across // STRIDE) + row
+        own = functional.linear(_scaled(points, self.grid)[:, :_RAW], self.tells.weight[:, -_RAW:])
+        return own + output.told[batch.of_sample[rows], cell]
+
+    def _told(self, seen: Tensor) -> Tensor | None:
+        if self.tells is None:
+            return None
+        cells = seen.permute(0, 2, 3, 1).flatten(1, 2)
+        return functional.linear(cells, self.tells.weight[:, :-_RAW], self.tells.bias).float()
+
+    def _start_quiet(self) -> None:
+        """Nothing is an object at first, and all boxes are those of their places."""
+        nn.init.normal_(self.says.weight, std=0.01)
+        bias = torch.zeros(self.head.each_cell, 1 + RESIDUAL)
+        bias[:, 0] = torch.logit(torch.tensor(_RARE))
+        with torch.no_grad():
+            assert self.says.bias is not None
+            self.says.bias.copy_(bias.flatten())
+
+
+def _cell(points: Tensor, grid: Grid, axis: int) -> Tensor:
+    """(n,) number of the pillar of each point along an axis."""
+    start = (grid.x_m, grid.y_m)[axis][0]
+    number = torch.floor((points[:, axis] - start) / grid.pillar_m).long()
+    return number.clamp(0, grid.shape[axis] - 1)  # a float32 point can be rounded onto the far end
+
+
+def _scaled(points: Tensor, grid: Grid) -> Tensor:
+    """(n, 6) values of the points, all of about the same size."""
+    reach = max(abs(end) for end in (*grid.x_m, *grid.y_m))
+    scale = torch.tensor([1 / reach, 1 / reach, 0.5, 1, 1, 10], dtype=points.dtype, device=points.device)
+    return points * scale
+
+
+class _Pillars(nn.Module):
+    """From points to (b, width, x, y): the largest of what each point of a pillar says, 0 where there is none."""
+
+    def __init__(self, grid: Grid, width: int) -> None:
+        super().__init__()
+        self.grid = grid
+        self.point = nn.Linear(_POINT, width, bias=False)
+        self.norm = nn.LayerNorm(width)
+
+    def forward(self, batch: Batch) -> Tensor:
+        along, across = self.grid.shape
+        column, row = (_cell(batch.points, self.grid, axis) for axis in (0, 1))
+        pillar = (batch.of_sample * along + column) * across + row
+        pillars = batch.size * along * across
+        said = functional.relu(
+            self.norm(self.point(self._values(batch.points, column, row, pillar, pillars)))
+        )
+        canvas = said.new_zeros(pillars, said.shape[1])
+        canvas = canvas.scatter_reduce(0, pillar[:, None].expand_as(said), said, "amax")
+        return canvas.view(batch.size, along, across, -1).permute(0, 3, 1, 2)
+
+    def _values(self, points: Tensor, column: Tensor, row: Tensor, pillar: Tensor, pillars: int) -> Tensor:
+        """(n, 11) what the network knows of each point."""
+        count = torch.bincount(pillar, minlength=pillars).clamp(min=1)
+        mean = points.new_zeros(pillars, 3).index_add(0, pillar, points[:, :3]) / count[:, None]
+        side = self.grid.pillar_m
+        x = points[:, 0] - (self.grid.x_m[0] + side * (column + 0.5))
+        y = points[:, 1] - (self.grid.y_m[0] + side * (row + 0.5))
+        centre = torch.stack([x, y], dim=1) / side
+        return torch.cat([_scaled(points, self.grid), centre, points[:, :3] - mean[pillar]], dim=1)
+
+
+class _Backbone(nn.Module):
+    """From (b, width, x, y) pillars to (b, 4 width, x / 2, y / 2): three scales, brought together."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.width = 4 * width
+        sides = (width, 2 * width, 4 * width)
+        before = (width, *sides[:-1])
+        self.down = nn.ModuleList(
+            nn.Sequential(_Conv(a, b, 2), _Conv(b, b, 1), _Conv(b, b, 1))
+            for a, b in zip(before, sides, strict=True)
+        )
+        self.level = nn.ModuleList(nn.Conv2d(side, 2 * width, 1, bias=False) for side in sides)
+        self.mix = _Conv(2 * width, 4 * width, 1)
+
+    def forward(self, canvas: Tensor) -> Tensor:
+        scales = []
+        for down in self.down:
+            canvas = down(canvas)
+            scales.append(canvas)
+        total: Tensor | None = None
+        for level, scale in zip(reversed(self.level), reversed(scales), strict=True):
+            here = level(scale)
+            total = here if total is None else here + functional.interpolate(total, scale_factor=2.0)
+        assert total is not None
+        mixed: Tensor = self.mix(total)
+        return mixed
+
+
+class _Conv(nn.Module):
+    """A convolution, its norm and its cut at 0."""
+
+    def __init__(self, before: int, after: int, stride: int) -> None:
+        super().__init__()
+        self.conv = nn.Conv2d(before, after, 3, stride, 1, bias=False)
+        self.norm = nn.GroupNorm(after // _GROUP, after)
+
+    def forward(self, x: Tensor) -> Tensor:
+        return functional.relu(self.norm(self.conv(x)))
