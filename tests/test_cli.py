@@ -16,7 +16,7 @@ from PIL import Image
 
 from command import ROOT, UPVL, fails, make_workspace, set_value, upvl
 from tiny_kitti import write_drive
-from upvl_cli.stages import BY_NAME, STAGES
+from upvl_cli.stages import BY_NAME, LABELLING, STAGES
 from upvl_cli.tables import Table, write
 
 
@@ -74,6 +74,7 @@ def test_a_changed_value_remakes_its_stage_and_later(copy: Path) -> None:
         "amodal",
         "nms",
         "name",
+        "describe",
     ]
 
 
@@ -254,7 +255,7 @@ def test_two_runs_at_once_share_the_work(tmp_path: Path) -> None:
     runs = [subprocess.Popen([UPVL, "autolabel", "--moving-only"], cwd=folder, stdout=subprocess.DEVNULL,
                              stderr=subprocess.PIPE) for _ in range(2)]  # fmt: skip
     assert [run.wait(timeout=300) for run in runs] == [0, 0]
-    assert len((folder / "out" / "runs.jsonl").read_text().splitlines()) == len(STAGES)
+    assert len((folder / "out" / "runs.jsonl").read_text().splitlines()) == len(LABELLING)
 
 
 def test_a_part_file_that_leads_elsewhere_is_not_followed(copy: Path, tmp_path: Path) -> None:
@@ -332,7 +333,7 @@ def test_ctrl_c_is_one_line_and_leaves_no_half_file(tmp_path: Path) -> None:
 
 def test_timings_stand_beside_the_shards(labelled: Path) -> None:
     lines = [json.loads(line) for line in (labelled / "out" / "runs.jsonl").read_text().splitlines()]
-    assert [line["stage"] for line in lines] == [stage.name for stage in STAGES]
+    assert [line["stage"] for line in lines] == [stage.name for stage in LABELLING]
 
 
 def test_the_page_of_the_stages_is_up_to_date(tmp_path: Path) -> None:

@@ -11,12 +11,12 @@ import pytest
 from command import make_workspace, set_value
 from tiny_kitti import write_drive
 from upvl_cli.errors import BadSetting
-from upvl_cli.stages import BY_NAME, STAGES
+from upvl_cli.stages import BY_NAME, LABELLING, STAGES
 from upvl_cli.status import status
 from upvl_cli.sweep import make, preset_workspace
 from upvl_cli.workspace import WHOLE, Workspace
 
-FROM_PROPOSE = ["propose", "track", "amodal", "nms", "name"]
+FROM_PROPOSE = ["propose", "track", "amodal", "nms", "name", "describe"]
 FROM_MASK = ["mask", *FROM_PROPOSE]
 
 
@@ -47,7 +47,9 @@ def made(base: Workspace, workspace: Workspace, *others: Workspace) -> list[str]
 def own(workspace: Workspace) -> list[str]:
     """The stages whose shard is no second name of another workspace's."""
     (segment,) = workspace.segments
-    shards = {stage.name: workspace.shard(stage.name, WHOLE if stage.whole else segment) for stage in STAGES}
+    shards = {
+        stage.name: workspace.shard(stage.name, WHOLE if stage.whole else segment) for stage in LABELLING
+    }
     return [name for name, shard in shards.items() if shard.stat().st_nlink == 1]
 
 
@@ -61,7 +63,7 @@ def test_a_preset_holds_all_values_and_differs_in_its_own(base: Workspace) -> No
 
 
 def test_what_is_equal_is_shared(base: Workspace) -> None:
-    assert made(base, base) == [stage.name for stage in STAGES]
+    assert made(base, base) == [stage.name for stage in LABELLING]
     first = preset(base, "first", mask="min_speed_mps = 0.25")
     assert made(base, first) == FROM_MASK
     assert own(first) == FROM_MASK
@@ -75,7 +77,7 @@ def test_what_is_equal_is_shared(base: Workspace) -> None:
 def test_what_ships_is_made_only_as_far_as_it_is_shared(base: Workspace) -> None:
     (segment,) = base.segments
     workspace = preset(base, "bold", mask="min_speed_mps = 0.25")
-    assert made(base, workspace) == [stage.name for stage in STAGES]
+    assert made(base, workspace) == [stage.name for stage in LABELLING]
     assert base.shard("flow", segment).samefile(workspace.shard("flow", segment))
     assert not base.shard("mask", segment).exists()
 
@@ -84,7 +86,9 @@ def test_the_folder_of_a_preset_is_a_workspace_of_its_own(base: Workspace) -> No
     workspace = preset(base, "bold", mask="min_speed_mps = 0.25")
     made(base, workspace)
     again = Workspace(workspace.stages, workspace.out)  # which preset it is, the folder says
-    assert [(of.fresh, of.stale, of.missing) for of in status(again)] == [(1, 0, 0)] * len(STAGES)
+    assert [(of.fresh, of.stale, of.missing) for of in status(again)][: len(LABELLING)] == [(1, 0, 0)] * len(
+        LABELLING
+    )
 
 
 def test_changed_files_of_the_drive_reach_every_preset(base: Workspace) -> None:
@@ -97,7 +101,7 @@ def test_changed_files_of_the_drive_reach_every_preset(base: Workspace) -> None:
     assert made(Workspace(base.stages, base.out), again) == []  # what counts is what is in them
     path.write_bytes(path.read_bytes()[:-16])
     again = preset_workspace(Workspace(base.stages, base.out), "bold")
-    assert made(Workspace(base.stages, base.out), again) == [stage.name for stage in STAGES]
+    assert made(Workspace(base.stages, base.out), again) == [stage.name for stage in LABELLING]
 
 
 def test_a_preset_of_no_difference_shares_everything(base: Workspace) -> None:

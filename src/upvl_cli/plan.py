@@ -9,7 +9,7 @@ from upvl_cli.datasets.city.settings import CityParams
 from upvl_cli.evaluation.params import EvalParams
 from upvl_cli.settings import load
 from upvl_cli.stage import Stage, columns_of, params_of
-from upvl_cli.stages import STAGES
+from upvl_cli.stages import LABELLING, STAGES
 from upvl_cli.workspace import WHOLE, RawParams, VlmParams, Workspace, write_if_changed
 
 
@@ -41,7 +41,8 @@ def rules(stages: Sequence[Stage], segments: Sequence[str]) -> str:
         lines += [f".PHONY: {stage.name}", *_rule(stage, whole), ""]
     # Shards of middle stages are what a resumed run starts from: make must delete none, nor any on Ctrl-C.
     shards = " ".join(f"$(OUT)/{stage.name}/%.parquet" for stage in stages)
-    lines += [".PHONY: labels", f"labels: {stages[-1].name}", ".SECONDARY:", f".PRECIOUS: {shards}", ""]
+    labels = " ".join(stage.name for stage in LABELLING)
+    lines += [".PHONY: labels", f"labels: {labels}", ".SECONDARY:", f".PRECIOUS: {shards}", ""]
     return "\n".join(lines)
 
 

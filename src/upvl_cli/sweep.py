@@ -9,7 +9,7 @@ from pathlib import Path
 
 from upvl_cli.errors import BadSetting, UpvlError
 from upvl_cli.runner import Made, Tick, claim_folder, make_shard
-from upvl_cli.stages import BY_NAME, STAGES
+from upvl_cli.stages import BY_NAME, LABELLING, STAGES
 from upvl_cli.workspace import WHOLE, Workspace, write_if_changed
 
 
@@ -63,7 +63,7 @@ def remember(workspace: Workspace) -> None:
 def make(
     base: Workspace, workspace: Workspace, others: Sequence[Workspace], segment: str, tick: Tick
 ) -> Iterator[Made]:
-    """Make all shards of a segment; one that another workspace makes from equal values is made there and linked.
+    """Make the labelling shards of a segment; one that another workspace makes from equal values is linked.
 
     Args:
         base: The workspace that all presets differ from; the first to lend a shard with an equal stamp.
@@ -76,7 +76,7 @@ def make(
         UpvlError: A shard cannot be made or written.
     """
     _link(base.mark_raw(segment), workspace.shard("raw", segment))
-    for stage in STAGES:
+    for stage in LABELLING:
         drive = WHOLE if stage.whole else segment
         stamp = workspace.shard_stamp(stage, drive)
         owner = next(

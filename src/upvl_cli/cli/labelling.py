@@ -12,7 +12,7 @@ import typer
 from upvl_cli.cli.application import DryRun, Segments, Workers, app
 from upvl_cli.errors import BadSetting
 from upvl_cli.stage import Param, Stage, params_of
-from upvl_cli.stages import STAGES
+from upvl_cli.stages import LABELLING, STAGES
 from upvl_cli.workspace import Workspace
 
 MOVING_ONLY = "moving-only"  # the preset of those labels
@@ -78,7 +78,7 @@ def autolabel(
     segment: Segments = None,
     workers: Workers = 1,
 ) -> None:
-    """Label the drives: all stages in order, then a summary."""
+    """Label the drives: all stages that make labels in order, then a summary."""
     if moving_only is None:
         raise BadSetting("say which objects to label: upvl autolabel --moving-only, or --all-motion")
     from upvl_cli.sweep import checked_preset, remember
@@ -87,7 +87,7 @@ def autolabel(
     preset = checked_preset(given.stages, MOVING_ONLY) if moving_only else ""
     context.obj = Workspace(given.stages, given.out, preset)
     remember(context.obj)
-    label(context.obj, STAGES, segment, workers=workers, overrides={})
+    label(context.obj, LABELLING, segment, workers=workers, overrides={})
     summary(context)
 
 

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from upvl_cli.cli.application import app
-from upvl_cli.stages import STAGES
+from upvl_cli.stages import LABELLING
 from upvl_cli.workspace import Workspace
 
 
@@ -53,7 +53,7 @@ def tables(context: typer.Context) -> None:
 
     workspace = Workspace(context.obj.stages, context.obj.out, "")
     remember(workspace)
-    shards = len(STAGES) * len(workspace.segments) * len(paper_tables.presets(workspace))
+    shards = len(LABELLING) * len(workspace.segments) * len(paper_tables.presets(workspace))
     with Progress(shards) as progress:
         filled = list(paper_tables.fill(workspace, progress))
     path = paper_tables.write(workspace, filled)

@@ -3,9 +3,23 @@
 from __future__ import annotations
 
 from upvl_cli.stage import Stage
-from upvl_cli.stages import amodal, extract_vl, flow, ground, mask, name, nms, odometry, pca, propose, track
+from upvl_cli.stages import (
+    amodal,
+    describe,
+    extract_vl,
+    flow,
+    ground,
+    mask,
+    name,
+    nms,
+    odometry,
+    pca,
+    propose,
+    track,
+)
 
-STAGES: tuple[Stage, ...] = (
+# Those that make labels: the others learn from them.
+LABELLING: tuple[Stage, ...] = (
     odometry.STAGE,
     ground.STAGE,
     flow.STAGE,
@@ -17,6 +31,9 @@ STAGES: tuple[Stage, ...] = (
     amodal.STAGE,
     nms.STAGE,
     name.STAGE,
+    describe.STAGE,
 )
+
+STAGES: tuple[Stage, ...] = LABELLING
 
 BY_NAME: dict[str, Stage] = {stage.name: stage for stage in STAGES}

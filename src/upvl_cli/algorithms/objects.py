@@ -1,0 +1,24 @@
+"""What is known of an object from the features of its points."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from upvl_cli.algorithms.open_vocabulary import KEPT, Basis
+from upvl_cli.types import Ints
+
+
+def pooled(of_box: Ints, codes: Ints, boxes: int, basis: Basis) -> Ints:
+    """Return (boxes, KEPT) int8, the mean feature of each box, rounded as those of its points; zeros without points.
+
+    Args:
+        of_box: (n,) place of the box that each point is in.
+        codes: (n, KEPT) int8 features of the points.
+        boxes: How many boxes there are.
+        basis: What the features are kept in.
+    """
+    count = np.bincount(of_box, minlength=boxes)
+    total = np.zeros((boxes, KEPT))
+    np.add.at(total, of_box, basis.values(codes))
+    mean = np.asarray(total / np.maximum(count, 1)[:, None], dtype=np.float32)
+    return np.where(count[:, None] > 0, basis.rounded(mean), np.int8(0))
