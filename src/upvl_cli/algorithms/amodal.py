@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import percentile_filter
 
 from upvl_cli.algorithms.box_fit import along, rectangle_heading
 from upvl_cli.algorithms.track_registration import register
@@ -20,10 +21,11 @@ EDGE_FLOOR_M = 0.05
 WIDE_M = 1.2  # wider than walkers and cyclists: has wheels, and is longer than wide
 LONG_M = 3.0  # longer than a cyclist: has four wheels,
 VEHICLE_WIDTH_M = 1.6  # and is at least about as wide as a small car
-END_M = 2.6  # what stands on a road is no wider: a longer face is a side
+END_M = 3.0  # with its mirrors no vehicle is wider: a longer face is a side
 # Of a person one side is seen. The size of KITTI's mean pedestrian; heights that people and riders have.
 PERSON_LW_M = (0.8, 0.6)
 PERSON_HEIGHT_M = (1.0, 2.2)
+GROUND_PERCENTILE, GROUND_FRAMES = 25, 11  # of the ground under it in so many frames
 STAND_M = 1.5  # what is seen lower than this in some of its frames stands on the ground in all of them
 
 
@@ -97,7 +99,7 @@ def amodal(
     is_tall = PERSON_HEIGHT_M[0] <= height_m <= PERSON_HEIGHT_M[1]
     least = np.array(PERSON_LW_M) * is_tall
     middle, size = _model(clouds, fitted, low, high, sensor, edge_share, min_aspect, least)
-    offset = _held(low, high, sensor, size)
+    offset = _behind(low, high, sensor, size)
     for at, motion in fitted.items():
         offset[at] = _moved(inverse(motion), middle)
     boxes = np.empty((len(heading), 7))
@@ -161,7 +163,9 @@ def _stood(seen: Sightings, edge_share: float) -> tuple[Array, float]:
         return seen.seven[:, 2] - seen.seven[:, 5] / 2, float(_reached(seen.seven[:, 5], edge_share))
     lowest = -float(_reached(-low, edge_share))
     foot = lowest if lowest >= STAND_M else 0.0
-    floor = np.interp(np.arange(len(ground)), known, ground[known]) + foot
+    # Where it hides the ground, something on it is taken for that: the ground is too high then, never too low.
+    level = percentile_filter(ground[known], GROUND_PERCENTILE, size=GROUND_FRAMES, mode="nearest")
+    floor = np.interp(np.arange(len(ground)), known, level) + foot
     return floor, float(_reached(high, edge_share)) - foot
 
 
@@ -202,9 +206,8 @@ def _model(
         size = _reached(high - low, edge_share)
         first, last, eye = -size / 2, size / 2, sensor
     size = _completed(last - first, min_aspect, least_small)
-    # What is added lies behind the edge that faces the sensor.
-    near_is_first = eye.mean(axis=0) < (first + last) / 2
-    return np.where(near_is_first, first + size / 2, last - size / 2), size
+    middle = _behind(first[None], last[None], eye.mean(axis=0)[None], size)[0]
+    return middle, size
 
 
 def _moved(motion: Array, xy_m: Array) -> Array:
@@ -230,10 +233,18 @@ def _reached(values: Array, share: float) -> Array:
     return np.asarray(np.sort(values, axis=0)[-rank])
 
 
-def _held(low: Array, high: Array, sensor: Array, size: Array) -> Array:
-    """(T, 2) centre of a box of that size whose edge towards the sensor is where it was seen."""
-    beside = (low + high) / 2
-    return np.where(sensor > high, high - size / 2, np.where(sensor < low, low + size / 2, beside))
+def _behind(low: Array, high: Array, sensor: Array, size: Array) -> Array:
+    """(T, 2) centre of a box of that size: what was not seen of it lies behind the edge that faces the sensor.
+
+    A vehicle shows a corner, so that this holds along and across. A small thing shows one side, wholly:
+    its rest is behind that, along the line of sight.
+    """
+    seen = (low + high) / 2
+    sight = seen - sensor
+    away = np.sign(sight)
+    if size.max() <= WIDE_M:
+        away = sight / np.maximum(np.linalg.norm(sight, axis=1, keepdims=True), 1e-9)
+    return np.asarray(seen + away * (size - (high - low)) / 2)
 
 
 def _filled(offset: Array) -> Array:
