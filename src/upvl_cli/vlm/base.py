@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 if TYPE_CHECKING:
     from upvl_cli.types import Array, Floats
@@ -51,6 +51,14 @@ class Model(Protocol):
         The cells cover the picture evenly: pixel (u, v), whose centre is at (u + 0.5, v + 0.5) from the corner,
         lies in the cell coordinates ((u + 0.5) w' / w - 0.5, (v + 0.5) h' / h - 0.5).
         """
+
+
+@runtime_checkable
+class Speller(Protocol):
+    """A model that knows which words there are; one without this takes any string for a word."""
+
+    def unknown_words(self, phrases: Sequence[str]) -> list[tuple[str, str]]:
+        """Each word of the phrases that is likely misspelt, with the spelling that was perhaps meant, or ""."""
 
 
 @dataclass(frozen=True)

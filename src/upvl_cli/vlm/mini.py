@@ -65,6 +65,10 @@ class Mini:
         """(t, d) vectors of length 1."""
         return self.text.embed(words)
 
+    def unknown_words(self, phrases: Sequence[str]) -> list[tuple[str, str]]:
+        """Words that are in no table (a `Speller`)."""
+        return self.text.unknown_words(phrases)
+
     def embed_image(self, rgb: Array) -> Floats:
         """(h', w', d) features of length 1, from a look at the details and one at the whole."""
         import torch

@@ -18,6 +18,7 @@ import numpy as np
 from tokenizers import Tokenizer
 
 from upvl_cli.types import Array, Floats, Ints
+from upvl_cli.vlm.spelling import unknown
 
 SMOOTH = 1e-3  # of the inverse frequency
 # How words are drawn to concepts; docs/log.md has what was tried.
@@ -75,6 +76,18 @@ class MiniText:
     def _vector(self, phrase: str) -> Floats:
         place = self._place.get(phrase)
         return self.vectors[place] if place is not None else self.of_tokens(phrase)
+
+    def unknown_words(self, phrases: Sequence[str]) -> list[tuple[str, str]]:
+        """Words that are neither whole tokens nor in a phrase of the table, with a likely spelling."""
+        return unknown(
+            [word for phrase in phrases for word in self._words(phrase)],
+            lambda word: self._tokenizer.token_to_id(word) is not None,
+            {word for phrase in self.phrases for word in self._words(phrase)},
+        )
+
+    def _words(self, phrase: str) -> list[str]:
+        normal = self._tokenizer.normalizer.normalize_str(plain(phrase))
+        return [word for word, _ in self._tokenizer.pre_tokenizer.pre_tokenize_str(normal)]
 
     def of_tokens(self, phrase: str) -> Floats:
         """(d,) what a phrase outside the table gets."""

@@ -1,0 +1,90 @@
+"""Which kind each box is: its points vote, or its mean feature alone (UP-VL, Section 3.5).
+
+A point takes the word of highest cosine; a box takes the kind that most of its points voted for, all words of a
+kind together. Of kinds with equally many votes the one of the higher mean cosine wins.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from upvl_cli.types import Bools, Floats, Ints
+
+NONE = -1
+
+
+@dataclass(frozen=True)
+class Answers:
+    """What boxes are.
+
+    Attributes:
+        kind: (b,) the kind that won; `NONE` for a box without points.
+        word: (b,) the word of that kind with the most votes, the first of several; `NONE` without points.
+        share: (b,) share of the votes that the kind has, 0 to 1.
+        cosine: (b,) mean over the points of the cosine with the nearest word of the kind.
+    """
+
+    kind: Ints
+    word: Ints
+    share: Floats
+    cosine: Floats
+
+
+def vote(cosines: Floats, of_box: Ints, boxes: int, kind_of_word: Ints) -> Answers:
+    """Let the points of each box vote; with one mean feature a box, that decides alone.
+
+    Args:
+        cosines: (n, t) of each point with each word.
+        of_box: (n,) the box of each point, ascending.
+        boxes: How many boxes there are.
+        kind_of_word: (t,) ascending from 0, without gaps.
+    """
+    words, first_word = len(kind_of_word), np.flatnonzero(np.diff(kind_of_word, prepend=-1))
+    ballots = np.asarray(of_box, dtype=np.int64) * words + cosines.argmax(axis=1)
+    per_word = np.bincount(ballots, minlength=boxes * words).reshape(boxes, words)
+    votes = np.add.reduceat(per_word, first_word, axis=1)
+    count = votes.sum(axis=1)
+    mean = np.zeros(votes.shape)
+    voted, first_point = np.unique(of_box, return_index=True)
+    if len(voted):
+        nearest = np.maximum.reduceat(cosines, first_word, axis=1)
+        mean[voted] = np.add.reduceat(nearest, first_point, axis=0) / count[voted, None]
+    tied = votes == votes.max(axis=1, keepdims=True)
+    kind = np.where(tied, mean, -np.inf).argmax(axis=1)
+    word = np.where(kind_of_word == kind[:, None], per_word, -1).argmax(axis=1)
+    every = np.arange(boxes)
+    share = votes[every, kind] / np.maximum(count, 1)
+    return Answers(np.where(count > 0, kind, NONE), np.where(count > 0, word, NONE), share, mean[every, kind])
+
+
+def rank(cosines: Floats, asked: Bools) -> Floats:
+    """(n,) how promising each object is: its best asked word less its best other word.
+
+    Args:
+        cosines: (n, t) of pooled features.
+        asked: (t,) which words are asked for; at least one.
+    """
+    best = cosines[:, asked].max(axis=1)
+    return np.asarray(best if asked.all() else best - cosines[:, ~asked].max(axis=1))
+
+
+def first_of_each(score: Floats, group: Ints, most: int) -> Ints:
+    """Places of the best of each group, best first, at most so many.
+
+    Args:
+        score: (n,) higher is better; of equals the first counts.
+        group: (n,) what belongs together; those with a number below 0 stand alone.
+        most: How many to give.
+    """
+    seen: set[int] = set()
+    chosen: list[int] = []
+    for place in np.argsort(-score, kind="stable"):
+        if len(chosen) == most:
+            break
+        number = int(group[place])
+        if number < 0 or number not in seen:
+            seen.add(number)
+            chosen.append(int(place))
+    return np.array(chosen, dtype=np.int64)
