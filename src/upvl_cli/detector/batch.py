@@ -51,8 +51,11 @@ class Grid:
 
     def holds(self, points: Array) -> Bools:
         """(n,) whether each of (n, 3 or more) points x, y, z, ... lies in the grid; far ends are outside."""
-        low, high = np.array([self.x_m, self.y_m, self.z_m], dtype=np.float32).T
-        return np.asarray(((points[:, :3] >= low) & (points[:, :3] < high)).all(axis=1))
+        inside = np.ones(len(points), dtype=np.bool_)
+        for axis, (low, high) in enumerate((self.x_m, self.y_m, self.z_m)):
+            values = np.ascontiguousarray(points[:, axis])
+            inside &= (values >= low) & (values < high)
+        return inside
 
 
 @dataclass(frozen=True)
@@ -71,6 +74,13 @@ class Sample:
     boxes: Array
     feature: Array
     has_feature: Array
+
+    @staticmethod
+    def of_points(points: Array) -> Sample:
+        """A frame to detect in: nothing is known of it but its (n, 6) points."""
+        none = np.zeros((1, FEATURE), dtype=np.float32)
+        feature = np.broadcast_to(none, (len(points), FEATURE))  # takes no memory
+        return Sample(points, np.zeros((0, 7)), feature, np.zeros(len(points), dtype=np.bool_))
 
     def __post_init__(self) -> None:
         count = len(self.points)
@@ -93,34 +103,37 @@ class Batch:
         of_sample: (n,) which sample each point belongs to.
         size: How many samples there are.
         boxes: The (m, 7) float64 labels of each sample; they stay in main memory.
-        feature: (n, 64).
-        has_feature: (n,).
+        seen: (s,) which points have a feature.
+        feature: (s, 64) features of those.
     """
 
     points: Tensor
     of_sample: Tensor
     size: int
     boxes: list[Tensor]
+    seen: Tensor
     feature: Tensor
-    has_feature: Tensor
 
     def to(self, device: torch.device | str) -> Batch:
         """The same on another device."""
-        moved = (t.to(device) for t in (self.points, self.of_sample, self.feature, self.has_feature))
-        points, of_sample, feature, has_feature = moved
-        return Batch(points, of_sample, self.size, self.boxes, feature, has_feature)
+        moved = (t.to(device) for t in (self.points, self.of_sample, self.seen, self.feature))
+        points, of_sample, seen, feature = moved
+        return Batch(points, of_sample, self.size, self.boxes, seen, feature)
 
 
 def collate(samples: Sequence[Sample], grid: Grid) -> Batch:
     """Lay samples side by side; points outside of the grid and boxes with their centre outside are left out."""
     inside = [grid.holds(sample.points) for sample in samples]
-    of_sample = np.repeat(np.arange(len(samples)), [int(held.sum()) for held in inside])
     pairs = list(zip(samples, inside, strict=True))
+    points = np.concatenate([s.points[held] for s, held in pairs]).astype(np.float32, copy=False)
+    of_sample = np.repeat(np.arange(len(samples)), [int(held.sum()) for held in inside])
+    seen = np.flatnonzero(np.concatenate([s.has_feature[held] for s, held in pairs]))
+    feature = np.concatenate([s.feature[held & s.has_feature] for s, held in pairs])
     return Batch(
-        torch.from_numpy(np.concatenate([s.points[held] for s, held in pairs]).astype(np.float32)),
+        torch.from_numpy(points),
         torch.from_numpy(of_sample),
         len(samples),
         [torch.from_numpy(s.boxes[grid.holds(s.boxes)].astype(np.float64)) for s in samples],
-        torch.from_numpy(np.concatenate([s.feature[held] for s, held in pairs]).astype(np.float32)),
-        torch.from_numpy(np.concatenate([s.has_feature[held] for s, held in pairs]).astype(np.bool_)),
+        torch.from_numpy(seen),
+        torch.from_numpy(feature.astype(np.float32, copy=False)),
     )

@@ -92,9 +92,8 @@ def losses(
     box, heading = box_losses(detector.head, output.residual, targets)
     features = objectness.new_zeros(())
     if distil > 0:
-        rows = batch.has_feature.nonzero()[:, 0]
-        told = detector.features(output, batch, rows)
-        features = distil_loss(told, batch.feature[rows], batch.of_sample[rows], batch.size, space)
+        told = detector.features(output, batch, batch.seen)
+        features = distil_loss(told, batch.feature, batch.of_sample[batch.seen], batch.size, space)
     box, heading, features = _BOX * box, _BOX * heading, distil * features
     return Losses(objectness + box + heading + features, objectness, box, heading, features)
 

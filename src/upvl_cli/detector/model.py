@@ -21,7 +21,8 @@ from upvl_cli.errors import BadSetting
 HEADS: dict[str, type[Anchors] | type[Centres]] = {"anchors": Anchors, "centres": Centres}
 _RARE = 0.01  # objectness of a place before training (RetinaNet, Lin et al., ICCV 2017)
 _RAW = 5  # values of a point that go into its feature: x, y, z, intensity, elongation
-_POINT = 11  # values of a point that go into its pillar: those, time, offsets from centre (2) and mean (3)
+_POINT = 6  # values of a point that go into its pillar: x, y from the pillar's centre, z, the rest, time
+_PILLAR = 5  # values that the points of a pillar share: their mean from its centre (3), its place (2)
 _GROUP = 8  # channels a norm looks at together
 
 
@@ -87,12 +88,11 @@ class Detector(nn.Module):
             rows: (r,) which of them.
         """
         assert self.tells is not None and output.told is not None
-        points = batch.points[rows]
-        along, across = self.grid.shape
+        points, (along, across) = batch.points[rows], (cells // STRIDE for cells in self.grid.shape)
         column, row = (_cell(points, self.grid, axis) // STRIDE for axis in (0, 1))
-        cell = column * (across // STRIDE) + row
-        own = functional.linear(_scaled(points, self.grid)[:, :_RAW], self.tells.weight[:, -_RAW:])
-        return own + output.told[batch.of_sample[rows], cell]
+        cell = (batch.of_sample[rows] * along + column) * across + row
+        told = output.told.flatten(0, 1).index_select(0, cell)
+        return told + functional.linear(_scaled(points, self.grid)[:, :_RAW], self.tells.weight[:, -_RAW:])
 
     def _told(self, seen: Tensor) -> Tensor | None:
         if self.tells is None:
@@ -125,35 +125,47 @@ def _scaled(points: Tensor, grid: Grid) -> Tensor:
 
 
 class _Pillars(nn.Module):
-    """From points to (b, width, x, y): the largest of what each point of a pillar says, 0 where there is none."""
+    """From points to (b, width, x, y): the largest of what the points of a pillar say, 0 where there are none.
+
+    A linear layer on a point's values, its offset from the pillar's centre and its offset from the mean of the
+    pillar's points, then the largest over the pillar. What all points of a pillar share (where the centre and
+    the mean are) only shifts the largest, so that part of the layer is applied once a pillar, and so is the norm.
+    """
 
     def __init__(self, grid: Grid, width: int) -> None:
         super().__init__()
         self.grid = grid
         self.point = nn.Linear(_POINT, width, bias=False)
+        self.pillar = nn.Linear(_PILLAR, width)
         self.norm = nn.LayerNorm(width)
 
     def forward(self, batch: Batch) -> Tensor:
         along, across = self.grid.shape
         column, row = (_cell(batch.points, self.grid, axis) for axis in (0, 1))
         pillar = (batch.of_sample * along + column) * across + row
-        pillars = batch.size * along * across
-        said = functional.relu(
-            self.norm(self.point(self._values(batch.points, column, row, pillar, pillars)))
-        )
-        canvas = said.new_zeros(pillars, said.shape[1])
-        canvas = canvas.scatter_reduce(0, pillar[:, None].expand_as(said), said, "amax")
+        count = torch.bincount(pillar, minlength=batch.size * along * across)
+        own = self._own(batch.points, column, row)
+        said = self.point(own)
+        empty = said.new_zeros(len(count), said.shape[1])
+        largest = empty.scatter_reduce(0, pillar[:, None].expand_as(said), said, "amax", include_self=False)
+        shared = self.pillar(self._shared(own, pillar, count, batch.size))
+        canvas = functional.relu(self.norm(largest + shared)) * (count > 0)[:, None]
+        # The channels of a cell lie side by side in memory, as convolutions like it.
         return canvas.view(batch.size, along, across, -1).permute(0, 3, 1, 2)
 
-    def _values(self, points: Tensor, column: Tensor, row: Tensor, pillar: Tensor, pillars: int) -> Tensor:
-        """(n, 11) what the network knows of each point."""
-        count = torch.bincount(pillar, minlength=pillars).clamp(min=1)
-        mean = points.new_zeros(pillars, 3).index_add(0, pillar, points[:, :3]) / count[:, None]
+    def _own(self, points: Tensor, column: Tensor, row: Tensor) -> Tensor:
+        """(n, 6) values of each point, with x and y from the pillar's centre."""
         side = self.grid.pillar_m
-        x = points[:, 0] - (self.grid.x_m[0] + side * (column + 0.5))
-        y = points[:, 1] - (self.grid.y_m[0] + side * (row + 0.5))
-        centre = torch.stack([x, y], dim=1) / side
-        return torch.cat([_scaled(points, self.grid), centre, points[:, :3] - mean[pillar]], dim=1)
+        x = (points[:, 0] - self.grid.x_m[0]) / side - column - 0.5
+        y = (points[:, 1] - self.grid.y_m[0]) / side - row - 0.5
+        return torch.cat([torch.stack([x, y], dim=1), _scaled(points, self.grid)[:, 2:]], dim=1)
+
+    def _shared(self, own: Tensor, pillar: Tensor, count: Tensor, size: int) -> Tensor:
+        """(pillars, 5) the mean of each pillar's points from its centre, and where its centre is."""
+        mean = own.new_zeros(len(count), 3).index_add(0, pillar, own[:, :3]) / count.clamp(min=1)[:, None]
+        along, across = (torch.linspace(-1, 1, cells, device=own.device) for cells in self.grid.shape)
+        centre = torch.cartesian_prod(along, across).repeat(size, 1)
+        return torch.cat([mean, centre], dim=1)
 
 
 class _Backbone(nn.Module):

@@ -65,9 +65,11 @@ def assign(anchors: Floats, boxes: Array) -> Assigned:
     """
     most, owner = np.zeros(len(anchors)), np.full(len(anchors), -1)
     own = np.full(len(boxes), -1)
+    columns = np.ascontiguousarray(anchors.T)
+    reach = np.hypot(columns[3], columns[4]) / 2
     for number, box in enumerate(boxes):
-        near, iou = _overlaps(anchors, box)
-        own[number] = near[iou.argmax()] if iou.any() else _nearest(anchors, box)
+        near, iou = _overlaps(columns, reach, box)
+        own[number] = near[iou.argmax()] if iou.any() else _nearest(columns, box)
         better = iou > most[near]
         most[near[better]] = iou[better]
         owner[near[better]] = number
@@ -79,22 +81,28 @@ def assign(anchors: Floats, boxes: Array) -> Assigned:
     return Assigned(weight, place, owner[place])
 
 
-def _overlaps(anchors: Floats, box: Floats) -> tuple[Ints, Floats]:
-    """Anchors near a box and their overlap with it; all that overlap by `NEGATIVE_IOU`, and the best one."""
-    reach = (np.hypot(anchors[:, 3], anchors[:, 4]) + np.hypot(box[3], box[4])) / 2
-    near = np.flatnonzero((np.abs(anchors[:, :2] - box[:2]) <= reach[:, None]).all(axis=1))
-    area, box_area = anchors[near, 3] * anchors[near, 4], box[3] * box[4]
+def _overlaps(columns: Floats, reach: Floats, box: Floats) -> tuple[Ints, Floats]:
+    """Anchors near a box and their overlap with it; all that overlap by `NEGATIVE_IOU`, and the best one.
+
+    Args:
+        columns: (7, k) anchors.
+        reach: (k,) half diagonals, seen from above.
+        box: (7,).
+    """
+    bound = reach + np.hypot(box[3], box[4]) / 2
+    near = np.flatnonzero((np.abs(columns[0] - box[0]) <= bound) & (np.abs(columns[1] - box[1]) <= bound))
+    area, box_area = columns[3, near] * columns[4, near], box[3] * box[4]
     # Rectangles overlap by no more than the ratio of their areas.
     alike = near[np.minimum(area, box_area) >= NEGATIVE_IOU * np.maximum(area, box_area)]
-    iou = _iou(anchors, alike, box)
+    iou = _iou(columns, alike, box)
     if (iou >= NEGATIVE_IOU).any():
         return alike, iou
-    return near, _iou(anchors, near, box)
+    return near, _iou(columns, near, box)
 
 
-def _iou(anchors: Floats, rows: Ints, box: Floats) -> Floats:
-    return np.asarray(iou_bev_pairs(anchors[rows], np.repeat(box[None], len(rows), axis=0)))
+def _iou(columns: Floats, rows: Ints, box: Floats) -> Floats:
+    return np.asarray(iou_bev_pairs(columns[:, rows].T, np.repeat(box[None], len(rows), axis=0)))
 
 
-def _nearest(anchors: Floats, box: Floats) -> int:
-    return int(np.square(anchors[:, :2] - box[:2]).sum(axis=1).argmin())
+def _nearest(columns: Floats, box: Floats) -> int:
+    return int((np.square(columns[0] - box[0]) + np.square(columns[1] - box[1])).argmin())
