@@ -28,6 +28,19 @@ ALLOWED = {
     "detector": BASE | {"detector", "geometry", "parallel"},
     "stages": BASE
     | {"algorithms", "detector", "metrics", "geometry", "stage", "inputs", "rows", "parallel", "stages"},
+    "querying": BASE
+    | {
+        "querying",
+        "algorithms",
+        "drawing",
+        "rows",
+        "settings",
+        "stage",
+        "stages",
+        "tables",
+        "vlm",
+        "workspace",
+    },
     "evaluation": BASE
     | {
         "evaluation",

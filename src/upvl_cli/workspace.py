@@ -198,14 +198,15 @@ class Workspace:
         return makers
 
     def _given(self, name: str) -> dict[str, Any]:
-        return self._adapter() if name == "raw" else self._model_stamp
+        return self._adapter() if name == "raw" else self.model_stamp
 
     def _adapter(self) -> dict[str, Any]:
         adapter = {"dataset": self.raw.dataset, "version": self.dataset.version}
         return adapter | ({"values": asdict(self._dataset_settings)} if self._dataset_settings else {})
 
     @cached_property
-    def _model_stamp(self) -> dict[str, Any]:
+    def model_stamp(self) -> dict[str, Any]:
+        """The vision-language model as stamps have it."""
         opener, weights = adapter(self.vlm.model)
         seen_path = self.out / "vlm.seen"
         found = contents(opener.files(weights), seen_path)
@@ -215,7 +216,7 @@ class Workspace:
 
     def mark_model(self) -> None:
         """Write `out/vlm.stamp`, which make compares, where the model is another one."""
-        write_if_changed(self.out / "vlm.stamp", _text(self._model_stamp))
+        write_if_changed(self.out / "vlm.stamp", _text(self.model_stamp))
 
     def raw_stamp(self, segment: str) -> str:
         """The adapter and a digest of the content of the drive's files, as JSON."""
