@@ -63,9 +63,9 @@ def without_feature(background: Ints, is_fast: Bools, *, policy: str) -> Ints:
     Args:
         background: (n,) as of `Background.of`.
         is_fast: (n,) whether each moves.
-        policy: "keep" leaves them `UNKNOWN`, "drop" makes them background, "moving" those that stand.
+        policy: "drop" makes them background, "moving" those that stand; any other leaves them `UNKNOWN`.
     """
-    dropped = (background == UNKNOWN) & (policy != "keep")
+    dropped = (background == UNKNOWN) & (policy in ("drop", "moving"))
     if policy == "moving":
         dropped &= ~is_fast
     return np.where(dropped, np.int8(1), background)

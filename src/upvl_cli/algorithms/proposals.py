@@ -52,7 +52,7 @@ class Sweep:
         velocity_mps: (n, 3) their motion over the ground, along the axes of the points.
         candidate: (n,) whether the point passed the motion mask; all of them for every motion state.
             The others only join a box that they lie in: flow misses points here and there.
-        background: (n,) whether the point shows background.
+        background: (n,) 1 where the point shows background, 0 where not, negative where nobody knows.
         look: (n, k) what else neighbours are to be alike in, in metres; k may be 0.
         height_m: (n,) heights over the ground.
         world_from_sweep: (4, 4) pose of the axes of the points.
@@ -62,7 +62,7 @@ class Sweep:
     xyz_m: Floats
     velocity_mps: Floats
     candidate: Bools
-    background: Bools
+    background: Ints
     look: Floats
     height_m: Floats
     world_from_sweep: Floats
@@ -98,7 +98,8 @@ def propose(
         voxel_m: Points closer than this count as one place.
         cluster_background: Whether background points make clusters too, as in the paper; otherwise they join
             what they lie in.
-        max_background_share: An object with a larger share of background points is dropped: r_bg.
+        max_background_share: An object with a larger share of background points is dropped: r_bg. Only points
+            of which it is known whether they are background count.
         max_lasting_share: So is one that claims to leave its place while more of its points than this
             stay taken before and after.
         moving_mps: From this speed on the flow gives the heading, below it the shape.
@@ -106,18 +107,18 @@ def propose(
         person_gap_m: Persons this far apart are not one object, though their cluster is.
     """
     label: Ints = np.full(len(sweep.xyz_m), NOISE, dtype=np.int64)
-    candidate = sweep.candidate & (cluster_background | ~sweep.background)
+    candidate = sweep.candidate & (cluster_background | (sweep.background != 1))
     joint = np.hstack([sweep.xyz_m, sweep.velocity_mps * (eps_m / eps_mps), sweep.look])[candidate]
     label[candidate] = dbscan_voxels(joint, eps_m=eps_m, min_points=min_points, voxel_m=voxel_m)
     dropped = {"points in no cluster": int((label[candidate] == NOISE).sum())}
     if cluster_background:  # there are many: before their boxes are fitted
-        label, dropped["background"] = _drop(label, _share(label, sweep.background) > max_background_share)
+        label, dropped["background"] = _drop(label, _background(label, sweep) > max_background_share)
     label = _persons(label, sweep, foot_m, person_gap_m)
 
     velocity = _velocities(label, sweep)
     label = _adopt(label, sweep.xyz_m, _fit_all(label, velocity, sweep, moving_mps, foot_m))
     if not cluster_background:
-        label, dropped["background"] = _drop(label, _share(label, sweep.background) > max_background_share)
+        label, dropped["background"] = _drop(label, _background(label, sweep) > max_background_share)
         velocity = _velocities(label, sweep)
     lasting = _lasting(label, velocity, _fit_all(label, velocity, sweep, moving_mps, foot_m), sweep, places)
     label, dropped["stays where it is"] = _drop(label, _share(label, lasting) > max_lasting_share)
@@ -158,6 +159,14 @@ def _share(label: Ints, flag: Bools) -> Array:
     """Share of the points of each cluster that carry a flag."""
     hits = np.bincount(label[(label != NOISE) & flag], minlength=label.max(initial=NOISE) + 1)
     return hits / np.maximum(_count(label), 1)
+
+
+def _background(label: Ints, sweep: Sweep) -> Array:
+    """Share of background among the points of each cluster whose state is known; 0 where it is of none."""
+    known = (label != NOISE) & (sweep.background >= 0)
+    total = label.max(initial=NOISE) + 1
+    count = np.bincount(label[known], minlength=total)
+    return np.bincount(label[known], sweep.background[known], minlength=total) / np.maximum(count, 1)
 
 
 def _drop(label: Ints, gone: Bools) -> tuple[Ints, int]:

@@ -103,7 +103,7 @@ def run(inputs: Inputs, params: ProposeParams) -> Iterator[ProposeRow]:
             above_m[step],
             flow.flow_mps[above].astype(np.float64),
             mask.is_moving[above],
-            mask.background[above] == 1,
+            mask.background[above],
             look(frame, above) if look_m else np.zeros((above.sum(), 0)),
             ground.height_m[above].astype(np.float64),
             poses[step].world_from_ego,
@@ -127,4 +127,5 @@ STAGE = Stage(
     params=ProposeParams,
     row=ProposeRow,
     reads=("raw", "odometry", "ground", "flow", "pca", "extract-vl", "mask"),
+    version=2,
 )
