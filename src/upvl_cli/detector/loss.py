@@ -88,13 +88,14 @@ def losses(
         space: Where features are compared.
         distil: Weight of the features; 0 leaves them out.
     """
-    objectness = objectness_loss(output.objectness, targets)
-    box, heading = box_losses(detector.head, output.residual, targets)
-    features = objectness.new_zeros(())
-    if distil > 0:
-        told = detector.features(output, batch, batch.seen)
-        features = distil_loss(told, batch.feature, batch.of_sample[batch.seen], batch.size, space)
-    box, heading, features = _BOX * box, _BOX * heading, distil * features
+    with torch.autocast(output.objectness.device.type, enabled=False):  # losses are summed in full precision
+        objectness = objectness_loss(output.objectness, targets)
+        box, heading = (_BOX * loss for loss in box_losses(detector.head, output.residual, targets))
+        features = objectness.new_zeros(())
+        if distil > 0:
+            told = detector.features(output, batch, batch.seen)
+            of_sample = batch.of_sample[batch.seen]
+            features = distil * distil_loss(told, batch.feature, of_sample, batch.size, space)
     return Losses(objectness + box + heading + features, objectness, box, heading, features)
 
 
@@ -121,7 +122,7 @@ def box_losses(head: Head, said: Tensor, targets: Targets) -> tuple[Tensor, Tens
 
 def distil_loss(told: Tensor, true: Tensor, of_sample: Tensor, size: int, space: Space) -> Tensor:
     """One less the cosine of (r, 64) features in the full space; samples without any count as right."""
-    return _mean(1 - space.cosine(told.float(), true), of_sample, size)
+    return _mean(1 - space.cosine(told, true), of_sample, size)
 
 
 def _mean(values: Tensor, of_sample: Tensor, size: int) -> Tensor:
