@@ -6,6 +6,8 @@ import numpy as np
 
 from upvl_cli.types import Array, Floats
 
+MOST_POINTS = 400  # that a heading is found from: more of the same edges tell no more
+
 
 def along(xy_m: Floats, heading_rad: Floats | float) -> Array:
     """Coordinates along and across a heading.
@@ -33,11 +35,18 @@ def rectangle_heading(xy_m: Floats, *, step_rad: float, floor_m: float) -> float
     """
     if len(xy_m) < 2:
         return 0.0
+    thin = xy_m[:: -(-len(xy_m) // MOST_POINTS)]
     fan_rad = np.arange(0.0, np.pi / 2, step_rad)
-    turned = along((xy_m - xy_m.mean(axis=0))[None], fan_rad[:, None])  # (headings, n, 2)
-    low, high = turned.min(axis=1, keepdims=True), turned.max(axis=1, keepdims=True)
-    gap = np.minimum(turned - low, high - turned).min(axis=2)
+    x, y = np.ascontiguousarray((thin - thin.mean(axis=0)).T)
+    cos, sin = np.cos(fan_rad)[:, None], np.sin(fan_rad)[:, None]
+    gap = np.minimum(_to_edge(x * cos + y * sin), _to_edge(y * cos - x * sin))  # (headings, n)
     return float(fan_rad[np.argmax((1.0 / np.maximum(gap, floor_m)).sum(axis=1))])
+
+
+def _to_edge(along_m: Floats) -> Floats:
+    """(headings, n) distance of each point from the nearer end of all of them."""
+    low, high = along_m.min(axis=1, keepdims=True), along_m.max(axis=1, keepdims=True)
+    return np.asarray(np.minimum(along_m - low, high - along_m))
 
 
 def span(values: Floats, trim: float) -> tuple[float, float]:
