@@ -25,7 +25,7 @@ ALLOWED = {
     "drawing": BASE | {"drawing", "geometry"},
     "datasets": BASE | {"datasets", "geometry", "stage"},
     "vlm": BASE | {"vlm", "parallel"},
-    "detector": BASE | {"detector", "geometry", "parallel"},
+    "detector": BASE | {"detector", "geometry", "parallel", "tables"},
     "stages": BASE
     | {"algorithms", "detector", "metrics", "geometry", "stage", "inputs", "rows", "parallel", "stages"},
     "querying": BASE

@@ -36,9 +36,9 @@ class _Few:
 class _FewFrames(Inputs):
     """The inputs of a stage, as if the drive had a few frames only."""
 
-    def table(self, name: str) -> Any:
+    def table(self, name: str, segment: str | None = None) -> Any:
         """The rows of the chosen frames."""
-        table = super().table(name)
+        table = super().table(name, segment)
         places = np.linspace(0, len(table) - 1, min(FRAMES, len(table))).round().astype(int)
         return _Few(table, tuple(table.frames[place] for place in places))
 

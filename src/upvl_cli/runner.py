@@ -104,7 +104,7 @@ def make_shard(workspace: Workspace, stage: Stage, segment: str, settings: Any, 
     if not is_stale():
         return _fresh(workspace, stage, segment)
     started = time.perf_counter()
-    inputs = Inputs(workspace, stage, segment)
+    inputs = Inputs(workspace, stage, segment, settings, tick)
     rows = write(
         path,
         stage.row,
@@ -116,6 +116,8 @@ def make_shard(workspace: Workspace, stage: Stage, segment: str, settings: Any, 
     if rows is None:  # another process has made it while this one waited
         return _fresh(workspace, stage, segment)
     _not_older(path, workspace, stage, segment)
+    for passing in inputs.passing:
+        passing.unlink(missing_ok=True)
     # The process's peak so far: alone in its process, the stage's own. macOS counts bytes, others kibibytes.
     unit = 2**20 if sys.platform == "darwin" else 2**10
     peak_mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args, get_origin
 
 import typer
 
@@ -40,7 +40,7 @@ def _stage_command(stage: Stage) -> Callable[..., None]:
     if stage.large:
         fixed.append(("dry_run", DryRun, False))
     options = [
-        (name, (list[str] if kind == tuple[str, ...] else kind) | None, _option(spec))
+        (name, (list[get_args(kind)[0]] if get_origin(kind) is tuple else kind) | None, _option(spec))  # type: ignore[misc]
         for name, (kind, spec) in params_of(stage.params).items()
     ]
     parameters = [

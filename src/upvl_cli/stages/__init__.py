@@ -6,6 +6,7 @@ from upvl_cli.stage import Stage
 from upvl_cli.stages import (
     amodal,
     describe,
+    detect,
     extract_vl,
     flow,
     ground,
@@ -16,6 +17,7 @@ from upvl_cli.stages import (
     pca,
     propose,
     track,
+    train,
 )
 
 # Those that make labels: the others learn from them.
@@ -34,6 +36,6 @@ LABELLING: tuple[Stage, ...] = (
     describe.STAGE,
 )
 
-STAGES: tuple[Stage, ...] = LABELLING
+STAGES: tuple[Stage, ...] = (*LABELLING, train.STAGE, detect.STAGE)
 
 BY_NAME: dict[str, Stage] = {stage.name: stage for stage in STAGES}

@@ -1,0 +1,67 @@
+"""What a trained network finds in a frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from upvl_cli.detector.batch import FEATURE, collate
+from upvl_cli.detector.decode import detections
+from upvl_cli.detector.model import Detector
+from upvl_cli.detector.sweeps import unlabelled
+from upvl_cli.geometry.boxes import pairs_inside
+from upvl_cli.types import Array, Floats, Ints
+
+
+@dataclass(frozen=True)
+class Found:
+    """Boxes of a frame, by falling score.
+
+    Attributes:
+        seven: (m, 7) in ego axes.
+        score: (m,) 0 to 1.
+        points: (m,) points of this sweep inside of each.
+        of_box: (n,) place of the box that each of these points is in; empty without distillation, as is
+        feature: (n, 64) kept values of their features.
+    """
+
+    seven: Floats
+    score: Floats
+    points: Ints
+    of_box: Ints
+    feature: Floats
+
+
+@torch.no_grad()
+def find(
+    detector: Detector, points: Array, ground_z_m: float, *, min_score: float, max_boxes: int, nms_iou: float
+) -> Found:
+    """Find boxes in two sweeps.
+
+    Args:
+        detector: A trained network.
+        points: (n, 6) from `Route.points`.
+        ground_z_m: Height of the road in ego axes, which the points are without.
+        min_score: Boxes below are left out.
+        max_boxes: No more than this, the best ones.
+        nms_iou: Of two boxes that overlap more, seen from above, the worse goes.
+    """
+    device = next(detector.parameters()).device
+    batch = collate([unlabelled(points)], detector.grid).to(device)
+    with torch.autocast(device.type, torch.bfloat16, enabled=device.type == "cuda"):
+        output = detector(batch)
+    (boxes,) = detections(detector, output, min_score=min_score, max_boxes=max_boxes, nms_iou=nms_iou)
+    kept = batch.points.cpu().numpy()
+    now = np.flatnonzero(kept[:, 5] == 0)
+    of_box, inside = pairs_inside(kept[now, :3], boxes.seven, margin_m=0.0)
+    count = np.bincount(of_box, minlength=len(boxes.seven))
+    feature = np.zeros((0, FEATURE), dtype=np.float32)
+    if output.told is None:
+        of_box = of_box[:0]
+    else:
+        rows = torch.from_numpy(now[inside]).to(device)
+        feature = detector.features(output, batch, rows).float().cpu().numpy()
+    seven = boxes.seven + ground_z_m * np.eye(7)[2]
+    return Found(seven, boxes.score, count, of_box, feature)

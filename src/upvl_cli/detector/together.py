@@ -1,0 +1,61 @@
+"""Several processes that learn together, as `torchrun` starts them; one process alone is the same of size 1."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import timedelta
+
+import torch
+from torch import Tensor, distributed
+
+_PATIENCE = timedelta(days=1)  # the first process may first read every sweep
+
+
+@dataclass(frozen=True)
+class Team:
+    """The processes.
+
+    Attributes:
+        rank: Number of this one.
+        size: How many there are.
+        device: Where this one computes.
+    """
+
+    rank: int
+    size: int
+    device: torch.device
+
+    def mean(self, values: Iterable[Tensor]) -> None:
+        """Replace tensors by their means over all processes."""
+        tensors = list(values)
+        if self.size > 1 and tensors:
+            flat = torch.cat([tensor.flatten() for tensor in tensors])
+            distributed.all_reduce(flat)
+            flat /= self.size
+            for tensor, part in zip(tensors, torch.split(flat, [t.numel() for t in tensors]), strict=True):
+                tensor.copy_(part.view_as(tensor))
+
+    def wait(self) -> None:
+        """Go on when all processes are here."""
+        if self.size > 1:
+            distributed.barrier()
+
+
+@contextmanager
+def team() -> Iterator[Team]:
+    """The processes that `torchrun` started with this one, ready to talk; this one alone without it."""
+    size, rank = int(os.environ.get("WORLD_SIZE", "1")), int(os.environ.get("RANK", "0"))
+    place = int(os.environ.get("LOCAL_RANK", "0"))
+    device = torch.device("cuda", place) if torch.cuda.is_available() else torch.device("cpu")
+    if size > 1:
+        if device.type == "cuda":
+            torch.cuda.set_device(device)
+        distributed.init_process_group("nccl" if device.type == "cuda" else "gloo", timeout=_PATIENCE)
+    try:
+        yield Team(rank, size, device)
+    finally:
+        if size > 1:
+            distributed.destroy_process_group()

@@ -1,0 +1,66 @@
+"""Two sweeps as one: what stands still is at one place in both."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from upvl_cli.detector.batch import Grid
+from upvl_cli.detector.sweeps import Route, scene
+from upvl_cli.geometry.se3 import apply, from_yaw, inverse
+from upvl_cli.types import Points
+from world import SEGMENT, drive, sweep
+
+GRID = Grid((-50, 50), (-20, 20), (-1, 5), 0.5)
+WALL_M = np.array([[10.0, 5, 1], [12, 5, 1], [14, 6, 2]])
+
+
+def points_at(xyz_m: np.ndarray) -> Points:
+    n = len(xyz_m)
+    return Points(xyz_m, np.full(n, 0.5), np.zeros(n), np.zeros(n), np.zeros(n))
+
+
+def route(poses: np.ndarray, every_ns: int = 10**8, ground_z_m: float = 0.0) -> Route:
+    times = range(0, every_ns * len(poses), every_ns)
+    return Route(tuple(range(len(poses))), tuple(times), poses, ground_z_m)
+
+
+def test_what_stands_still_stays_where_it_is_while_the_car_moves() -> None:
+    poses = from_yaw(np.array([0.3, 0.4]), np.array([[100.0, 50, 0], [101, 50.5, 0]]))
+    world_m = apply(poses[1], WALL_M)
+
+    def seen(frame: int) -> Points:
+        return points_at(apply(inverse(poses[frame]), world_m))
+
+    found = route(poses, ground_z_m=-2.0).points(1, seen)
+    assert found.shape == (6, 6) and found.dtype == np.float32
+    np.testing.assert_allclose(found[:3, :3], WALL_M + [0, 0, 2], atol=1e-4)
+    np.testing.assert_allclose(found[3:, :3], found[:3, :3], atol=1e-4)
+    np.testing.assert_allclose(found[:, 5], [0, 0, 0, -0.1, -0.1, -0.1], atol=1e-6)
+
+
+def test_the_first_sweep_and_one_after_a_gap_are_alone() -> None:
+    poses = np.array([np.eye(4)] * 2)
+    assert len(route(poses).points(0, lambda _: points_at(WALL_M))) == 3
+    assert len(route(poses, every_ns=10**9).points(1, lambda _: points_at(WALL_M))) == 3
+
+
+def test_the_older_sweep_keeps_a_point_of_each_voxel() -> None:
+    crowd = np.concatenate([WALL_M, WALL_M + 0.01])
+    assert len(route(np.array([np.eye(4)] * 2)).points(1, lambda _: points_at(crowd))) == 6 + 3
+
+
+def test_features_stay_with_their_points() -> None:
+    one = drive()
+    here = Route((0, 1), (0, 10**8), one.world_from_ego[:2], 0.0)
+    assert one.name == SEGMENT
+    points = here.points(1, lambda frame: sweep(frame)[0])
+    seen = np.arange(0, len(sweep(1)[0]), 7)
+    codes = np.repeat((np.arange(len(seen)) % 100).astype(np.int8)[:, None], 64, axis=1)
+    sample = scene(points, seen, codes, np.zeros((0, 7)), np.zeros((0, 3))).sample(GRID, lambda c: c * 0.5)
+    assert GRID.holds(sample.points).all()
+    assert (sample.points[sample.has_feature, 5] == 0).all()
+    inside = GRID.holds(points)
+    expected = np.zeros(len(points))
+    expected[seen] = codes[:, 0] * 0.5
+    np.testing.assert_array_equal(sample.feature[:, 3], expected[inside])
+    assert sample.has_feature.sum() == inside[seen].sum() > 100
