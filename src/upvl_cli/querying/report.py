@@ -25,7 +25,7 @@ TOLD = ("boxes", "hits")  # counts that the summary tells in words of its own
 def slug(text: str) -> str:
     """A file name for a text: lower case letters, digits and dashes; two texts have two names."""
     name = re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")[:LONGEST].strip("-")
-    if name == text.replace(" ", "-"):
+    if name.replace("-", " ") == text:
         return name
     return "-".join([*([name] if name else []), hashlib.sha256(text.encode()).hexdigest()[:8]])
 
