@@ -65,20 +65,20 @@ def run(inputs: Inputs, params: ExtractVlParams) -> Iterator[ExtractVlRow]:
         closer_share=params.closer_share,
     )
 
-    def sight(step: int) -> Sight:
-        """All of a frame but what the network makes of its pictures."""
+    def seen_in(step: int) -> tuple[Sight, Array]:
+        """What the cameras see of a frame, and the features of what they see."""
         frame = poses[step].frame
         flow = flows[frame].flow_mps
         # Without a picture only the number of the points counts: no sweep need be read.
         xyz = drive.points(frame).xyz_ego_m if look.cameras else flow
         motion = flow if params.follow_motion else None
         images = [drive.image(frame, camera.name) for camera in look.cameras]
-        return look.sight(step, xyz, motion, images)
+        seen = look.sight(step, xyz, motion, images)
+        return seen, seen.features(inputs.model.embed_image, fitted.basis)
 
-    for step, seen in enumerate(in_order(sight, range(len(poses)))):
+    for step, (seen, codes) in enumerate(in_order(seen_in, range(len(poses)))):
         for reason, items in seen.counts.items():
             inputs.count(reason, items)
-        codes = seen.features(inputs.model.embed_image, fitted.basis)
         yield ExtractVlRow(inputs.segment, poses[step].frame, seen.state, seen.camera, codes)
 
 

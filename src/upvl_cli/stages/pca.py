@@ -10,6 +10,7 @@ from upvl_cli.stage import Row, Stage, column, param
 
 if TYPE_CHECKING:
     from upvl_cli.algorithms.open_vocabulary import Basis
+    from upvl_cli.datasets.base import Drive
     from upvl_cli.inputs import Inputs
     from upvl_cli.types import Array, Floats
 
@@ -43,9 +44,18 @@ class PcaRow(Row):
 
 def run(inputs: Inputs, params: PcaParams) -> Iterator[PcaRow]:
     """Fit the 64 values that are kept of a feature to a sample of all drives."""
+    from functools import partial
+
     import numpy as np
 
     from upvl_cli.algorithms.open_vocabulary import fit
+    from upvl_cli.parallel import in_order
+
+    def embedded(drive: Drive, picture: tuple[int, str]) -> Floats:
+        """(n, d) features of a picture, none where it is missing."""
+        image = drive.image(*picture)
+        cells = np.zeros((0, 0, 1)) if image is None else inputs.model.embed_image(image.rgb)
+        return cells.reshape(-1, cells.shape[-1])
 
     def features() -> Iterator[Floats]:
         """Some cells of some pictures, in the same order each time."""
@@ -60,12 +70,10 @@ def run(inputs: Inputs, params: PcaParams) -> Iterator[PcaRow]:
         rng = np.random.default_rng(0)
         chosen = sorted(rng.permutation(len(pictures))[: params.images].tolist())
         for drive in inputs.drives():
-            for name, frame, camera in (pictures[place] for place in chosen):
-                image = drive.image(frame, camera) if name == drive.name else None
-                if image is not None:
-                    cells = inputs.model.embed_image(image.rgb)
-                    cells = cells.reshape(-1, cells.shape[-1])
-                    inputs.count("pictures", 1)
+            own = [pictures[place][1:] for place in chosen if pictures[place][0] == drive.name]
+            for cells in in_order(partial(embedded, drive), own):
+                inputs.count("pictures", int(len(cells) > 0))
+                if len(cells):
                     yield cells[rng.permutation(len(cells))[: params.cells]]
 
     basis = fit(features(), inputs.model.dim)
