@@ -10,7 +10,9 @@ import pytest
 from upvl_cli.algorithms.amodal import Sightings, amodal
 from upvl_cli.algorithms.box_fit import tight_box
 from upvl_cli.geometry.boxes import corners_bev
+from upvl_cli.geometry.iou import iou_3d
 from upvl_cli.geometry.se3 import wrap_angle
+from upvl_cli.types import Array
 
 SETTINGS = {
     "moving_mps": 1.0,
@@ -84,3 +86,52 @@ def test_a_track_of_one_frame() -> None:
     boxes = amodal(seen, **SETTINGS)
     assert boxes.shape == (1, 7)
     assert np.linalg.norm(boxes[0, :2] - truth[0, :2]) < 1.5
+
+
+def parked(
+    heading_rad: float, eye_xy_m: tuple[float, float], lwh_m: np.ndarray = CAR_LWH_M
+) -> tuple[Sightings, Array]:
+    """A thing that stands at (10, 5), seen from one place in six frames; and its true box."""
+    rng = np.random.default_rng(2)
+    truth = np.array([10.0, 5.0, lwh_m[2] / 2, *lwh_m, heading_rad])
+    eye = np.tile(eye_xy_m, (6, 1)).astype(float)
+    clouds = [face_points(truth, at, rng) for at in eye]
+    seen = np.array([tight_box(cloud, 0.0, trim=0.0) for cloud in clouds])
+    heights = [cloud[:, 2] for cloud in clouds]
+    return Sightings(clouds, heights, seen, np.zeros((6, 3)), eye, np.zeros(6)), truth
+
+
+@pytest.mark.parametrize(
+    ("heading_rad", "eye_xy_m"),
+    [
+        (0.0, (10.0, -5.0)),  # its side alone
+        (0.2, (0.0, 0.0)),  # a corner
+        (np.pi / 2, (0.0, 5.0)),  # across the way: its side alone
+        (0.0, (-5.0, 5.0)),  # its end alone
+        (1.3, (0.0, 0.0)),
+    ],
+)
+def test_what_is_parked_lies_along_its_long_side_or_behind_its_end(
+    heading_rad: float, eye_xy_m: tuple[float, float]
+) -> None:
+    seen, truth = parked(heading_rad, eye_xy_m)
+    box = amodal(seen, **SETTINGS)[0]
+    assert abs(wrap_angle(2 * (box[6] - heading_rad))) < np.deg2rad(10), "along, either way"
+    assert np.cos(box[6]) > -1e-9, "at an acute angle to the ego heading"
+    assert iou_3d(box[None], truth[None])[0, 0] > 0.5
+
+
+def test_of_a_person_one_side_is_seen() -> None:
+    seen, truth = parked(0.0, (0.0, 5.0), np.array([0.8, 0.6, 1.7]))
+    assert iou_3d(amodal(seen, **SETTINGS)[:1], truth[None])[0, 0] > 0.5
+
+
+def test_a_foot_that_is_hidden_for_a_while_is_still_on_the_ground() -> None:
+    seen, truth = drive_past(0.0)
+    clouds, heights, boxes = list(seen.xyz_m), list(seen.height_m), seen.seven.copy()
+    for at in (5, 6, 7):  # all but the roof is behind something
+        high = clouds[at][:, 2] > 1.2
+        clouds[at], heights[at] = clouds[at][high], heights[at][high]
+        boxes[at] = tight_box(clouds[at], 0.0, trim=0.0)
+    found = amodal(replace(seen, xyz_m=clouds, height_m=heights, seven=boxes), **SETTINGS)
+    np.testing.assert_allclose(found[:, 2], truth[:, 2], atol=0.1)

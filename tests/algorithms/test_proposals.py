@@ -74,11 +74,22 @@ def test_points_that_flow_missed_join_the_box_they_lie_in() -> None:
 def test_background_is_dropped_by_its_share() -> None:
     seen = sweep((car(10, 3), (5.0, 0.0)), (car(30, 3), (5.0, 0.0)))
     half = len(seen.xyz_m) // 2
-    walls = replace(seen, background=np.arange(len(seen.xyz_m)) < half)
+    walls = replace(seen, background=(np.arange(len(seen.xyz_m)) < half).astype(np.int8))
     kept = found(walls, max_background_share=0.9)
     assert kept.dropped["background"] == 1
     np.testing.assert_allclose(kept.seven[:, 0], [30], atol=0.1)
     assert len(found(walls, max_background_share=1.0).seven) == 2
+
+
+def test_points_of_which_nothing_is_known_have_no_share() -> None:
+    seen = sweep((car(10, 3), (5.0, 0.0)))
+    some = np.arange(len(seen.xyz_m)) % 10
+    mostly_unknown = np.where(some == 0, 1, np.where(some == 1, 0, -1)).astype(np.int8)  # half of the known
+    walls = replace(seen, background=mostly_unknown)
+    assert len(found(walls, max_background_share=0.4).seven) == 0
+    assert len(found(walls, max_background_share=0.6).seven) == 1
+    unknown = replace(seen, background=np.full(len(some), -1, np.int8))
+    assert len(found(unknown, max_background_share=0.0).seven) == 1
 
 
 def test_what_stays_where_it_is_is_no_mover() -> None:
@@ -105,7 +116,7 @@ def test_an_empty_sweep() -> None:
 def test_background_that_makes_no_cluster_joins_what_it_lies_in() -> None:
     seen = sweep((car(10, 3), (5.0, 0.0)))
     side = seen.xyz_m[:, 0] > 9.0  # the side of the car is taken for a wall
-    walls = replace(seen, background=side)
+    walls = replace(seen, background=side.astype(np.int8))
     kept = found(walls, cluster_background=False, max_background_share=1.0)
     assert len(kept.seven) == 1
     assert kept.seven[0, 3] < 1.5  # its back alone makes the box

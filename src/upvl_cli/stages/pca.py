@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from upvl_cli.stage import Row, Stage, column, param
 
 if TYPE_CHECKING:
     from upvl_cli.algorithms.open_vocabulary import Basis
-    from upvl_cli.datasets.base import Drive
     from upvl_cli.inputs import Inputs
     from upvl_cli.types import Array, Floats
 
@@ -51,7 +50,7 @@ def run(inputs: Inputs, params: PcaParams) -> Iterator[PcaRow]:
     from upvl_cli.algorithms.open_vocabulary import fit
     from upvl_cli.parallel import in_order
 
-    def embedded(drive: Drive, picture: tuple[int, str]) -> Floats:
+    def embedded(drive: Any, picture: tuple[int, str]) -> Floats:
         """(n, d) features of a picture, none where it is missing."""
         image = drive.image(*picture)
         cells = np.zeros((0, 0, 1)) if image is None else inputs.model.embed_image(image.rgb)
