@@ -21,7 +21,7 @@ def saying(detector: Detector, boxes: np.ndarray, score: list[float], places: li
     objectness[0, places] = torch.logit(torch.tensor(score))
     rows = torch.from_numpy(encode(detector.head, detector.head.places[places], boxes)).float()
     residual[0, places] = rows
-    return Output(objectness, residual, None)
+    return Output(objectness, residual, torch.zeros(1, 0, 0))
 
 
 def found(boxes: np.ndarray, score: list[float], encoder: str = "centres", **rule: float) -> Detections:

@@ -94,7 +94,7 @@ def test_a_batch_gives_what_its_samples_give_alone(encoder: str) -> None:
     together = said(detector, samples)
     for number, sample in enumerate(samples):
         alone = said(detector, [sample])
-        for part in ("objectness", "residual", "told"):
+        for part in ("objectness", "residual", "cells"):
             np.testing.assert_allclose(getattr(together, part)[number], getattr(alone, part)[0], atol=1e-4)
     whole = wrong(detector, samples)
     each = [wrong(detector, [sample]) for sample in samples]
@@ -158,9 +158,8 @@ def test_a_frame_without_points_or_boxes(encoder: str) -> None:
     assert len(boxes_of(detector, [empty], 0.9)[0].seven) == 0
 
 
-def test_without_distillation_there_are_no_features() -> None:
+def test_distillation_adds_one_linear_layer() -> None:
     with_it, without = fresh("centres"), fresh("centres", distils=False)
-    assert said(without, [street(1)]).told is None
     gone = set(with_it.state_dict()) - set(without.state_dict())
     assert gone == {"tells.weight", "tells.bias"}
 

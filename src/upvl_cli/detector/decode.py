@@ -11,7 +11,7 @@ from torch import Tensor
 from upvl_cli.detector.head import Head, decode
 from upvl_cli.detector.model import Detector, Output
 from upvl_cli.geometry.iou import iou_bev
-from upvl_cli.types import Floats, Ints
+from upvl_cli.types import Floats
 
 _RIVALS = 10  # times as many boxes as are asked for are looked at: places of one object say nearly the same
 
@@ -55,16 +55,15 @@ def _of_sample(
     score, rows = best.cpu().numpy().astype(np.float64), place.cpu().numpy()
     good = score >= min_score
     seven = decode(head, head.places[rows[good]], residual[place].cpu().numpy()[good])
-    kept = _best(seven, score[good], nms_iou)[:max_boxes]
+    kept = _best(seven, nms_iou, max_boxes)
     return Detections(seven[kept], score[good][kept])
 
 
-def _best(seven: Floats, score: Floats, nms_iou: float) -> Ints:
-    """Rows of the boxes that no better one overlaps, by falling score."""
-    rivals, kept = iou_bev(seven, seven) > nms_iou, np.ones(len(seven), dtype=np.bool_)
-    order = np.argsort(-score, kind="stable")
-    for box in order:
-        if kept[box]:
-            kept &= ~rivals[box]
-            kept[box] = True
-    return np.asarray(order[kept[order]])
+def _best(seven: Floats, nms_iou: float, most: int) -> list[int]:
+    """Rows of the first `most` boxes, best first, that overlap no better one of them."""
+    left = np.arange(len(seven))
+    kept: list[int] = []
+    while len(left) and len(kept) < most:
+        kept.append(int(left[0]))
+        left = left[1:][iou_bev(seven[left[:1]], seven[left[1:]])[0] <= nms_iou]
+    return kept

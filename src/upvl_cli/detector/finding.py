@@ -58,7 +58,7 @@ def find(
     of_box, inside = pairs_inside(kept[now, :3], boxes.seven, margin_m=0.0)
     count = np.bincount(of_box, minlength=len(boxes.seven))
     feature = np.zeros((0, FEATURE), dtype=np.float32)
-    if output.told is None:
+    if detector.tells is None:
         of_box = of_box[:0]
     else:
         rows = torch.from_numpy(now[inside]).to(device)

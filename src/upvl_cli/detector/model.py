@@ -33,12 +33,12 @@ class Output:
     Attributes:
         objectness: (b, k) logit of each place.
         residual: (b, k, RESIDUAL) numbers of the box of each place.
-        told: (b, cells, 64) share of each cell in the features of its points; None without distillation.
+        cells: (b, cells, channels) what the network knows of each cell of the output.
     """
 
     objectness: Tensor
     residual: Tensor
-    told: Tensor | None
+    cells: Tensor
 
 
 class Detector(nn.Module):
@@ -74,31 +74,28 @@ class Detector(nn.Module):
         seen = self.backbone(self.pillars(batch))  # (b, channels, x, y)
         said = self.says(seen).permute(0, 2, 3, 1)
         said = said.reshape(batch.size, -1, 1 + RESIDUAL).float()  # (b, k, 9)
-        return Output(said[..., 0], said[..., 1:], self._told(seen))
+        return Output(said[..., 0], said[..., 1:], seen.permute(0, 2, 3, 1).flatten(1, 2))
 
     def features(self, output: Output, batch: Batch, rows: Tensor) -> Tensor:
-        """(r, 64) features of some points: the linear layer on the cell's features and the point's values.
+        """(r, 64) features of some points: a linear layer on what is known of the cell and the point's values.
 
-        The layer is applied to the cell once and to the point, and the two are added: what is asked for
-        costs next to nothing.
+        Its share of a cell is computed once for all points of the cell.
 
         Args:
             output: What the network said of `batch`.
             batch: Points.
             rows: (r,) which of them.
         """
-        assert self.tells is not None and output.told is not None
-        points, (along, across) = batch.points[rows], (cells // STRIDE for cells in self.grid.shape)
+        assert self.tells is not None  # without distillation there is nothing to ask for
+        points = batch.points.index_select(0, rows)  # three times as quick as an index
+        along, across = (pillars // STRIDE for pillars in self.grid.shape)
         column, row = (_cell(points, self.grid, axis) // STRIDE for axis in (0, 1))
         cell = (batch.of_sample[rows] * along + column) * across + row
-        told = output.told.flatten(0, 1).index_select(0, cell)
-        return told + functional.linear(_scaled(points, self.grid)[:, :_RAW], self.tells.weight[:, -_RAW:])
-
-    def _told(self, seen: Tensor) -> Tensor | None:
-        if self.tells is None:
-            return None
-        cells = seen.permute(0, 2, 3, 1).flatten(1, 2)
-        return functional.linear(cells, self.tells.weight[:, :-_RAW], self.tells.bias).float()
+        asked, of_asked = torch.unique(cell, return_inverse=True)
+        known = output.cells.flatten(0, 1).index_select(0, asked).float()
+        told = functional.linear(known, self.tells.weight[:, :-_RAW], self.tells.bias)
+        own = functional.linear(_scaled(points, self.grid)[:, :_RAW], self.tells.weight[:, -_RAW:])
+        return own + told.index_select(0, of_asked)
 
     def _start_quiet(self) -> None:
         """Nothing is an object at first, and all boxes are those of their places."""
@@ -155,10 +152,10 @@ class _Pillars(nn.Module):
 
     def _own(self, points: Tensor, column: Tensor, row: Tensor) -> Tensor:
         """(n, 6) values of each point, with x and y from the pillar's centre."""
-        side = self.grid.pillar_m
-        x = (points[:, 0] - self.grid.x_m[0]) / side - column - 0.5
-        y = (points[:, 1] - self.grid.y_m[0]) / side - row - 0.5
-        return torch.cat([torch.stack([x, y], dim=1), _scaled(points, self.grid)[:, 2:]], dim=1)
+        own, side = _scaled(points, self.grid), self.grid.pillar_m
+        own[:, 0] = (points[:, 0] - self.grid.x_m[0]) / side - column - 0.5
+        own[:, 1] = (points[:, 1] - self.grid.y_m[0]) / side - row - 0.5
+        return own
 
     def _shared(self, own: Tensor, pillar: Tensor, count: Tensor, size: int) -> Tensor:
         """(pillars, 5) the mean of each pillar's points from its centre, and where its centre is."""
