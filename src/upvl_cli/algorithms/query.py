@@ -1,7 +1,7 @@
 """Which kind each box is: its points vote, or its mean feature alone (UP-VL, Section 3.5).
 
 A point takes the word of highest cosine; a box takes the kind that most of its points voted for, all words of a
-kind together. Of kinds with equally many votes the one of the higher mean cosine wins.
+kind together. Of kinds with equally many votes the one whose votes have the higher mean cosine wins.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class Answers:
         kind: (b,) the kind that won; `NONE` for a box without points.
         word: (b,) the word of that kind with the most votes, the first of several; `NONE` without points.
         share: (b,) share of the votes that the kind has, 0 to 1.
-        cosine: (b,) mean over the points of the cosine with the nearest word of the kind.
+        cosine: (b,) mean cosine of the votes for the kind.
     """
 
     kind: Ints
@@ -37,26 +37,28 @@ def vote(cosines: Floats, of_box: Ints, boxes: int, kind_of_word: Ints) -> Answe
 
     Args:
         cosines: (n, t) of each point with each word.
-        of_box: (n,) the box of each point, ascending.
+        of_box: (n,) the box of each point.
         boxes: How many boxes there are.
         kind_of_word: (t,) ascending from 0, without gaps.
     """
-    words, first_word = len(kind_of_word), np.flatnonzero(np.diff(kind_of_word, prepend=-1))
-    ballots = np.asarray(of_box, dtype=np.int64) * words + cosines.argmax(axis=1)
-    per_word = np.bincount(ballots, minlength=boxes * words).reshape(boxes, words)
-    votes = np.add.reduceat(per_word, first_word, axis=1)
-    count = votes.sum(axis=1)
-    mean = np.zeros(votes.shape)
-    voted, first_point = np.unique(of_box, return_index=True)
-    if len(voted):
-        nearest = np.maximum.reduceat(cosines, first_word, axis=1)
-        mean[voted] = np.add.reduceat(nearest, first_point, axis=0) / count[voted, None]
-    tied = votes == votes.max(axis=1, keepdims=True)
-    kind = np.where(tied, mean, -np.inf).argmax(axis=1)
+    words, kinds = len(kind_of_word), int(kind_of_word[-1]) + 1
+    chosen = cosines.argmax(axis=1)
+    nearest = cosines[np.arange(len(chosen)), chosen]
+    box = np.asarray(of_box, dtype=np.int64)
+    per_word = np.bincount(box * words + chosen, minlength=boxes * words).reshape(boxes, words)
+    ballots = box * kinds + kind_of_word[chosen]
+    votes = np.bincount(ballots, minlength=boxes * kinds).reshape(boxes, kinds)
+    total = np.bincount(ballots, nearest, minlength=boxes * kinds).reshape(boxes, kinds)
+    mean = total / np.maximum(votes, 1)
+    kind = np.where(votes == votes.max(axis=1, keepdims=True), mean, -np.inf).argmax(axis=1)
     word = np.where(kind_of_word == kind[:, None], per_word, -1).argmax(axis=1)
-    every = np.arange(boxes)
-    share = votes[every, kind] / np.maximum(count, 1)
-    return Answers(np.where(count > 0, kind, NONE), np.where(count > 0, word, NONE), share, mean[every, kind])
+    every, count = np.arange(boxes), votes.sum(axis=1)
+    return Answers(
+        np.where(count > 0, kind, NONE),
+        np.where(count > 0, word, NONE),
+        votes[every, kind] / np.maximum(count, 1),
+        mean[every, kind],
+    )
 
 
 def rank(cosines: Floats, asked: Bools) -> Floats:

@@ -76,7 +76,7 @@ class Hits(ParallelArrays):
         kind: (n,) number of the class.
         word: (n,) number of the word.
         share: (n,) share of the votes that the class has.
-        cosine: (n,) mean cosine of the points with the nearest word of the class.
+        cosine: (n,) mean cosine of the votes for the class.
         score: (n,) share times confidence.
     """
 
