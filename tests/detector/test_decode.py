@@ -10,6 +10,7 @@ from scenes import BOXES, SMALL
 from upvl_cli.detector.decode import Detections, detections
 from upvl_cli.detector.head import encode
 from upvl_cli.detector.model import HEADS, Detector, Output
+from upvl_cli.geometry.iou import iou_bev
 
 RULE = {"min_score": 0.3, "max_boxes": 10, "nms_iou": 0.3}
 
@@ -54,6 +55,19 @@ def test_a_box_that_went_takes_none_with_it() -> None:
     )
     seen = found(row, [0.9, 0.8, 0.7])
     np.testing.assert_allclose(seen.seven[:, 0], row[[0, 2], 0], atol=1e-4)
+
+
+def test_of_many_boxes_those_stay_that_a_plain_loop_keeps() -> None:
+    rng = np.random.default_rng(5)
+    centre, size = rng.uniform(-10, 10, (90, 3)), rng.uniform(1, 4, (90, 3))
+    boxes = np.column_stack([centre, size, rng.uniform(-3, 3, 90)])
+    kept: list[int] = []
+    for box in range(90):  # the first is the best
+        if not (iou_bev(boxes[box : box + 1], boxes[kept]) > 0.1).any():
+            kept.append(box)
+    seen = found(boxes, np.linspace(0.9, 0.4, 90).tolist(), max_boxes=90, nms_iou=0.1)
+    assert 33 < len(kept) < 80
+    np.testing.assert_allclose(seen.seven[:, :6], boxes[kept, :6], rtol=1e-4, atol=1e-4)
 
 
 @pytest.mark.parametrize(
