@@ -90,12 +90,12 @@ class Detector(nn.Module):
         points = batch.points.index_select(0, rows)  # three times as quick as an index
         along, across = (pillars // STRIDE for pillars in self.grid.shape)
         column, row = (_cell(points, self.grid, axis) // STRIDE for axis in (0, 1))
-        cell = (batch.of_sample[rows] * along + column) * across + row
+        cell = (batch.of_sample.index_select(0, rows) * along + column) * across + row
         asked, of_asked = torch.unique(cell, return_inverse=True)
         known = output.cells.flatten(0, 1).index_select(0, asked).float()
         told = functional.linear(known, self.tells.weight[:, :-_RAW], self.tells.bias)
-        own = functional.linear(_scaled(points, self.grid)[:, :_RAW], self.tells.weight[:, -_RAW:])
-        return own + told.index_select(0, of_asked)
+        own = _scaled(points, self.grid)[:, :_RAW]
+        return torch.addmm(told.index_select(0, of_asked), own, self.tells.weight[:, -_RAW:].T)
 
     def _start_quiet(self) -> None:
         """Nothing is an object at first, and all boxes are those of their places."""
