@@ -13,6 +13,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from city_checks import first_on_way, pose_at
+from upvl_cli.algorithms.ground import height_above_ground
 from upvl_cli.algorithms.views import OCCLUDED, SEEN, at_time, view
 from upvl_cli.datasets.city.cameras import trigger_s
 from upvl_cli.datasets.city.cast import Caster
@@ -21,6 +22,7 @@ from upvl_cli.datasets.city.settings import CityParams
 from upvl_cli.geometry.se3 import apply
 from upvl_cli.settings import load
 from upvl_cli.stages.extract_vl import ExtractVlParams
+from upvl_cli.stages.ground import GroundParams
 
 STAGES = Path(__file__).parents[1] / "stages"
 HIDDEN_M = 0.5  # what is this much in front of a point hides it
@@ -33,7 +35,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, nargs="+", default=[5, 20, 35])
     options = parser.parse_args()
     params = load(ExtractVlParams, STAGES / "extract-vl.toml")
-    limits = {name: getattr(params, name) for name in ("border_px", "gap_deg", "closer_m", "closer_share")}
+    limits = {name: getattr(params, name) for name in ("border_px", "gap_deg", "closer_m", "closer_share", "glass_m")}
     settings = load(CityParams, STAGES / "synthetic.toml")
     drive = CityDrive(name="views", seed=(options.seed, 1, 0), without=(), settings=settings)
     table = np.zeros((2, 2), dtype=np.int64)  # truly hidden or not, called occluded or not
@@ -52,7 +54,16 @@ def _of(drive: CityDrive, frame: int, camera, limits: dict[str, float]) -> np.nd
     time_s = frame / RATE_HZ + late_s
     pose = pose_at(drive, time_s)
     xyz = at_time(points.xyz_ego_m, truth.velocity_mps, late_s, drive.world_from_ego[frame], pose)
-    found = view(camera, xyz, **limits)
+    shape = load(GroundParams, STAGES / "ground.toml")
+    height_m = height_above_ground(
+        points.xyz_ego_m,
+        start_z_m=drive.ground_z_m,
+        cell_m=shape.cell_m,
+        max_slope=shape.max_slope,
+        tolerance_m=shape.tolerance_m,
+    )
+    stands = height_m > shape.max_height_m
+    found = view(camera, xyz, stands, **limits)
     chosen = np.flatnonzero((found.state == SEEN) | (found.state == OCCLUDED))
     world = apply(pose, xyz[chosen])
     eye = apply(pose, camera.ego_from_camera[None, :3, 3])[0]

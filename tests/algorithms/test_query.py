@@ -80,3 +80,17 @@ def test_the_best_of_each_track_comes_first() -> None:
     assert first_of_each(score, track, 9).tolist() == [1, 3, 4, 5]
     assert first_of_each(score, track, 2).tolist() == [1, 3]
     assert first_of_each(score[:0], track[:0], 2).tolist() == []
+
+
+def test_the_best_of_many_tracks_is_that_of_a_full_sort() -> None:
+    rng = np.random.default_rng(0)
+    score, track = (
+        rng.integers(0, 400, 5000) / 400,
+        np.sort(rng.integers(-1, 9, 5000)),
+    )  # many equals, few tracks
+    order = np.argsort(-score, kind="stable")
+    kept: dict[tuple[int, int], int] = {}
+    for place in order.tolist():
+        kept.setdefault((int(track[place]), place if track[place] < 0 else 0), place)
+    for most in (1, 5, 60, 9000):
+        assert first_of_each(score, track, most).tolist() == list(kept.values())[:most]

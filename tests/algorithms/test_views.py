@@ -24,8 +24,9 @@ CAMERA = Camera("front", 640, 400, np.array([[500.0, 0, 320], [0, 500, 200], [0,
 LIMITS = {"border_px": 2.0, "gap_deg": 0.9, "closer_m": 0.5, "closer_share": 0.1}
 
 
-def states(xyz: np.ndarray) -> np.ndarray:
-    return view(CAMERA, xyz, **LIMITS).state
+def states(xyz: np.ndarray, stands: np.ndarray | None = None, glass_m: float = 0.0) -> np.ndarray:
+    stands = np.zeros(len(xyz), bool) if stands is None else stands
+    return view(CAMERA, xyz, stands, glass_m=glass_m, **LIMITS).state
 
 
 def wall(x: float, y: tuple[float, float], z: tuple[float, float], step_deg: float = 0.3) -> np.ndarray:
@@ -44,6 +45,17 @@ def test_what_lies_behind_a_wall_is_hidden_and_what_lies_beside_it_is_not() -> N
     beside = (np.abs(far[:, 1]) > 7.0) | (np.abs(far[:, 2]) > 3.9)
     assert (found[len(near) :][behind] == OCCLUDED).all()
     assert (found[len(near) :][beside] == SEEN).all()
+
+
+def test_the_road_does_not_lie_on_the_roof_of_a_car_whose_windows_return_nothing() -> None:
+    door, road = wall(8, (-2, 2), (-1.5, -0.8)), np.array([[x, 0.0, -1.5] for x in np.arange(20.0, 60)])
+    stands = np.arange(len(door) + len(road)) < len(door)
+    both = np.concatenate([door, road])
+    beyond = states(both, stands, glass_m=0.7)[len(door) :]
+    appears_m = -1.5 / road[:, 0] * 8 + 0.8  # above the door, in its plane
+    assert (beyond[appears_m < 0.65] == OCCLUDED).all()
+    assert (beyond[appears_m > 0.75] == SEEN).all()
+    assert (states(both, glass_m=0.7) == states(both)).all(), "what does not stand hides no more"
 
 
 def test_the_road_and_a_receding_wall_are_seen() -> None:

@@ -40,9 +40,22 @@ class Votes:
         if not len(point):
             return
         chosen, place = np.unique(point, return_inverse=True)
-        word = self._cosines(feature[chosen]).argmax(axis=1)[place]
+        self._count(track_id, box, self._cosines(feature[chosen]).argmax(axis=1)[place])
+
+    def add_features(self, track_id: Ints, of_box: Ints, feature: Ints) -> None:
+        """Count the votes of the points of one frame that are known to be in boxes.
+
+        Args:
+            track_id: (b,) the track of each box.
+            of_box: (n,) place of the box that each point is in.
+            feature: (n, ...) their features.
+        """
+        if len(of_box):
+            self._count(track_id, of_box, self._cosines(feature).argmax(axis=1))
+
+    def _count(self, track_id: Ints, box: Ints, word: Ints) -> None:
         words = len(self._kind_of_word)
-        for number, count in zip(track_id, np.zeros((len(boxes), words), dtype=np.int64), strict=True):
+        for number, count in zip(track_id, np.zeros((len(track_id), words), dtype=np.int64), strict=True):
             self._votes.setdefault(int(number), count)
         for number in np.unique(box):
             self._votes[int(track_id[number])] += np.bincount(word[box == number], minlength=words)

@@ -55,9 +55,8 @@ class Basis:
         """(n, t) cosine of each of (n, KEPT) rounded features with each of (t, d) words of length 1."""
         values = self.values(codes)
         dot = values @ (self.components @ words.T) + self.mean @ words.T
-        square = (
-            self.mean @ self.mean + 2 * values @ (self.components @ self.mean) + (values * values).sum(axis=1)
-        )
+        length = np.einsum("nk,nk->n", values, values)
+        square = self.mean @ self.mean + 2 * values @ (self.components @ self.mean) + length
         return np.asarray(dot / np.sqrt(np.maximum(square, 1e-12))[:, None], dtype=np.float32)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from upvl_cli.algorithms.open_vocabulary import KEPT, Basis
 from upvl_cli.algorithms.views import OCCLUDED, SEEN, View, at_time, best, sampled, view
 from upvl_cli.geometry.path import pose_at
-from upvl_cli.types import Array, Camera, Floats, Image, Ints
+from upvl_cli.types import Array, Bools, Camera, Floats, Image, Ints
 
 
 @dataclass(frozen=True)
@@ -60,6 +60,7 @@ class Look:
         gap_deg: float,
         closer_m: float,
         closer_share: float,
+        glass_m: float,
     ) -> None:
         """Take the cameras, when the frames were, and where; the rest as in `views.view`."""
         self.cameras = tuple(cameras)
@@ -67,21 +68,28 @@ class Look:
         self._poses = np.asarray(world_from_ego, dtype=np.float64).reshape(-1, 4, 4)
         self._limits = {
             "border_px": border_px, "gap_deg": gap_deg, "closer_m": closer_m, "closer_share": closer_share,
+            "glass_m": glass_m,
         }  # fmt: skip
 
     def sight(
-        self, step: int, xyz_ego_m: Array, velocity_mps: Array | None, images: Sequence[Image | None]
+        self,
+        step: int,
+        xyz_ego_m: Array,
+        stands: Bools,
+        velocity_mps: Array | None,
+        images: Sequence[Image | None],
     ) -> Sight:
         """See one sweep.
 
         Args:
             step: Which frame of the drive.
             xyz_ego_m: (n, 3) its points.
+            stands: (n,) whether each is above the ground.
             velocity_mps: (n, 3) their motion over the ground; None lets them stand.
             images: One picture a camera, None where it is missing.
         """
         views = [
-            self._view(step, camera, xyz_ego_m, velocity_mps, image)
+            self._view(step, camera, xyz_ego_m, stands, velocity_mps, image)
             for camera, image in zip(self.cameras, images, strict=True)
         ]
         chosen = best(views, len(xyz_ego_m))
@@ -95,7 +103,13 @@ class Look:
         return Sight(chosen.state, chosen.camera, pictures, counts)
 
     def _view(
-        self, step: int, camera: Camera, xyz_ego_m: Array, velocity_mps: Array | None, image: Image | None
+        self,
+        step: int,
+        camera: Camera,
+        xyz_ego_m: Array,
+        stands: Bools,
+        velocity_mps: Array | None,
+        image: Image | None,
     ) -> View:
         if image is None:
             xyz_ego_m = np.full((len(xyz_ego_m), 3), np.nan)
@@ -105,4 +119,4 @@ class Look:
             xyz_ego_m = at_time(
                 xyz_ego_m, velocity_mps, late_s, pose, pose_at(self._times_ns, self._poses, image.time_ns)
             )
-        return view(camera, xyz_ego_m, **self._limits)
+        return view(camera, xyz_ego_m, stands, **self._limits)

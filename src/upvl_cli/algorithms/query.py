@@ -13,6 +13,7 @@ import numpy as np
 from upvl_cli.types import Bools, Floats, Ints
 
 NONE = -1
+FEWER = 32  # a track has some tens of boxes, often all of them among the best
 
 
 @dataclass(frozen=True)
@@ -80,13 +81,24 @@ def first_of_each(score: Floats, group: Ints, most: int) -> Ints:
         group: (n,) what belongs together; those with a number below 0 stand alone.
         most: How many to give.
     """
+    size = most
+    while True:
+        size = min(size * FEWER, len(score))
+        # All that are as good as the last of so many: quicker than to sort all.
+        place = np.flatnonzero(score >= np.partition(score, -size)[-size]) if size else np.zeros(0, np.int64)
+        chosen = _first(place[np.argsort(-score[place], kind="stable")], group, most)
+        if len(chosen) == most or size == len(score):
+            return chosen
+
+
+def _first(places: Ints, group: Ints, most: int) -> Ints:
     seen: set[int] = set()
     chosen: list[int] = []
-    for place in np.argsort(-score, kind="stable"):
+    for place in places.tolist():
         if len(chosen) == most:
             break
         number = int(group[place])
         if number < 0 or number not in seen:
             seen.add(number)
-            chosen.append(int(place))
+            chosen.append(place)
     return np.array(chosen, dtype=np.int64)

@@ -35,26 +35,31 @@ class View(NamedTuple):
 def view(
     camera: Camera,
     xyz_ego_m: Array,
+    stands: Bools,
     *,
     border_px: float,
     gap_deg: float,
     closer_m: float,
     closer_share: float,
+    glass_m: float,
 ) -> View:
     """See points through one camera.
 
     A point is hidden when surfaces that are closer surround it: above and below, or left and right. So the far
     side of a car, which the LiDAR looks at over its roof, is hidden, but the road before a car is not, though
     whatever lies below it in the picture is closer. Something very much closer hides on one side alone: its edge
-    lies up to a beam beyond its last point, and the LiDAR, higher up, looks over it.
+    lies up to a beam beyond its last point, and the LiDAR, higher up, looks over it. And the ground behind what
+    stands is hidden somewhat further up: the LiDAR sees it over the roof of a car, and through its windows.
 
     Args:
         camera: The camera.
         xyz_ego_m: (n, 3) points in ego axes at the time of the picture.
+        stands: (n,) whether each is above the ground.
         border_px: Nearer than this to the picture's border a point counts as out of view.
         gap_deg: Points of one surface are not farther apart than this, as the camera sees them.
         closer_m: What hides a point is closer by this much,
         closer_share: and by this share of the point's depth.
+        glass_m: What stands hides the ground for this much above its points.
     """
     uv, depth_m, inside = project(camera, xyz_ego_m)
     size_px = np.array([camera.width_px, camera.height_px])
@@ -66,6 +71,7 @@ def view(
     gap_px = np.deg2rad(gap_deg) * camera.intrinsic[0, 0]
     limit_m = depth_m[inside] - closer_m - closer_share * depth_m[inside]
     hidden = _surrounded(uv[inside], depth_m[inside], limit_m, gap_px)
+    hidden |= _behind(uv[inside], depth_m[inside], stands[inside], glass_m * camera.intrinsic[1, 1])
     state[np.flatnonzero(inside)[hidden]] = OCCLUDED
     return View(uv, state, inset)
 
@@ -74,7 +80,7 @@ def _surrounded(uv_px: Floats, depth_m: Floats, limit_m: Floats, gap_px: float) 
     """(n,) whether there is something nearer than the limit on both sides of a point, in one of two directions."""
     if not len(uv_px):
         return np.zeros(0, dtype=np.bool_)
-    column, row = ((uv_px + 0.5) / _CELL_PX).astype(np.int64).T + 1
+    column, row = _cell(uv_px)
     nearest = np.full((row.max() + 3, column.max() + 3), np.inf)
     np.minimum.at(nearest, (row, column), depth_m)
     reach = max(1, round(gap_px / _CELL_PX))
@@ -87,6 +93,26 @@ def _surrounded(uv_px: Floats, depth_m: Floats, limit_m: Floats, gap_px: float) 
         hidden |= np.all([side < limit_m for side in closer], axis=0)
         hidden |= np.any([side < _FAR_CLOSER * depth_m for side in closer], axis=0)
     return hidden
+
+
+def _cell(uv_px: Floats) -> tuple[Ints, Ints]:
+    """Column and row of the grid, which has a rim of one cell."""
+    column, row = ((uv_px + 0.5) / _CELL_PX).astype(np.int64).T + 1
+    return column, row
+
+
+def _behind(uv_px: Floats, depth_m: Floats, stands: Bools, glass_px_m: float) -> Bools:
+    """(n,) whether a point is ground, and something that stands, very much closer, goes on up to where it appears."""
+    if not stands.any():
+        return np.zeros(len(uv_px), dtype=np.bool_)
+    column, row = _cell(uv_px)
+    nearest = np.full((row.max() + 1, column.max() + 2), np.inf)
+    reach = np.where(stands, glass_px_m / depth_m / _CELL_PX, -1).astype(np.int64)
+    for step in range(reach.max() + 1):
+        some = np.flatnonzero((reach >= step) & (row >= step))
+        np.minimum.at(nearest, (row[some] - step, column[some]), depth_m[some])
+    nearest = minimum_filter1d(nearest, 3, axis=1, mode="constant", cval=np.inf)
+    return np.asarray(~stands & (nearest[row, column] < _FAR_CLOSER * depth_m))
 
 
 def _before(nearest: Floats, reach: int, axis: int) -> Floats:

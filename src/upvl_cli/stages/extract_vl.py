@@ -28,6 +28,12 @@ class ExtractVlParams:
     )
     closer_m: float = param("what hides a point is closer by this,", "m", least=0, most=100)
     closer_share: float = param("and by this share of the point's depth", least=0, most=1)
+    glass_m: float = param(
+        "what stands hides the ground far behind it up to this much above its points: glass returns none",
+        "m",
+        least=0,
+        most=10,
+    )
     follow_motion: bool = param("bring moving points to the time of the picture by their flow")
 
 
@@ -53,7 +59,7 @@ def run(inputs: Inputs, params: ExtractVlParams) -> Iterator[ExtractVlRow]:
     from upvl_cli.parallel import in_order
 
     drive = inputs.drive
-    poses, flows = list(inputs.table("odometry")), inputs.table("flow")
+    poses, flows, grounds = list(inputs.table("odometry")), inputs.table("flow"), inputs.table("ground")
     (fitted,) = inputs.table("pca")
     look = Look(
         drive.cameras if params.images == "all" else (),
@@ -63,6 +69,7 @@ def run(inputs: Inputs, params: ExtractVlParams) -> Iterator[ExtractVlRow]:
         gap_deg=params.gap_deg,
         closer_m=params.closer_m,
         closer_share=params.closer_share,
+        glass_m=params.glass_m,
     )
 
     def seen_in(step: int) -> tuple[Sight, Array]:
@@ -73,7 +80,7 @@ def run(inputs: Inputs, params: ExtractVlParams) -> Iterator[ExtractVlRow]:
         xyz = drive.points(frame).xyz_ego_m if look.cameras else flow
         motion = flow if params.follow_motion else None
         images = [drive.image(frame, camera.name) for camera in look.cameras]
-        seen = look.sight(step, xyz, motion, images)
+        seen = look.sight(step, xyz, ~grounds[frame].is_ground, motion, images)
         return seen, seen.features(inputs.model.embed_image, fitted.basis)
 
     for step, (seen, codes) in enumerate(in_order(seen_in, range(len(poses)))):
@@ -87,6 +94,6 @@ STAGE = Stage(
     run=run,
     params=ExtractVlParams,
     row=ExtractVlRow,
-    reads=("raw", "vlm", "pca", "odometry", "flow"),
+    reads=("raw", "vlm", "pca", "odometry", "ground", "flow"),
     large=True,
 )
