@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
 from PIL import Image, ImageEnhance, ImageFilter
-from scipy import ndimage
 from torch.utils.data import IterableDataset
 
 from upvl_cli.types import Array
 
 VOID = 255
-NEAR_SHARE = 0.5  # of the crops that look at one vehicle, where there is one
-NEAR_FILLS = (0.4, 1.6)  # how much of the crop it fills, by its longer side
-NEAR_LEAST_PX = 24  # what is smaller has no details to look at
 
 
 @dataclass(frozen=True)
@@ -57,21 +52,12 @@ def _rgb(path: Path) -> Image.Image:
 
 
 class Crops(IterableDataset[tuple[Array, Array]]):
-    """Endless random crops: scale, place, mirror, light, colour and blur by chance.
-
-    Some are looks at one vehicle that fills much of the crop, as few do in the pictures themselves.
-    """
+    """Endless random crops: scale, place, mirror, light, colour and blur by chance."""
 
     def __init__(
-        self,
-        pictures: list[Picture],
-        size: tuple[int, int],
-        scales: tuple[float, float],
-        seed: int,
-        vehicles: Sequence[int] = (),
+        self, pictures: list[Picture], size: tuple[int, int], scales: tuple[float, float], seed: int
     ):
         self.pictures, self.size, self.scales, self.seed = pictures, size, scales, seed
-        self.vehicles = vehicles
 
     def __iter__(self):
         worker = torch.utils.data.get_worker_info()
@@ -85,24 +71,10 @@ class Crops(IterableDataset[tuple[Array, Array]]):
         height, width = self.size
         scale = np.exp(rng.uniform(*np.log(self.scales)))
         stretch = np.exp(rng.uniform(-0.1, 0.1))
-        near = self._vehicle(picture, rng) if rng.random() < NEAR_SHARE else None
-        if near is not None:
-            fills = np.exp(rng.uniform(*np.log(NEAR_FILLS)))
-            scale = fills * min(width / (near[1] - near[0]), height / (near[3] - near[2]))
         # The part of the picture that becomes the crop; it may reach beyond the edges.
         part_w, part_h = width / (scale * stretch), height / scale
-        spare_w, spare_h = picture.rgb.width - part_w, picture.rgb.height - part_h
-        left, top = (
-            rng.uniform(min(0, spare_w), max(0, spare_w)),
-            rng.uniform(min(0, spare_h), max(0, spare_h)),
-        )
-        if near is not None:
-            left = np.clip(
-                (near[0] + near[1] - part_w) / 2 + part_w * rng.uniform(-0.3, 0.3), *sorted((0, spare_w))
-            )
-            top = np.clip(
-                (near[2] + near[3] - part_h) / 2 + part_h * rng.uniform(-0.3, 0.3), *sorted((0, spare_h))
-            )
+        left = rng.uniform(min(0, picture.rgb.width - part_w), max(0, picture.rgb.width - part_w))
+        top = rng.uniform(min(0, picture.rgb.height - part_h), max(0, picture.rgb.height - part_h))
         placed = (part_w / width, 0, left, 0, part_h / height, top)
         inside = Image.new("L", picture.label.size, 1).transform(
             (width, height), Image.Transform.AFFINE, placed
@@ -119,18 +91,6 @@ class Crops(IterableDataset[tuple[Array, Array]]):
             pixels = pixels + rng.normal(0, rng.uniform(2, 10), pixels.shape).astype(np.float32)
         gains = rng.uniform(0.85, 1.15, 3).astype(np.float32)
         return np.ascontiguousarray(np.clip(pixels * gains, 0, 255)), np.ascontiguousarray(classes)
-
-    def _vehicle(self, picture: Picture, rng: np.random.Generator) -> tuple[int, int, int, int] | None:
-        """First and last column and row of one vehicle of the picture, lorries as often as cars."""
-        label = np.asarray(picture.label)
-        shown = np.intersect1d(label, self.vehicles)
-        if not len(shown):
-            return None
-        patches, _ = ndimage.label(label == rng.choice(shown))
-        rows, columns = rng.choice(ndimage.find_objects(patches))
-        if rows.stop - rows.start < NEAR_LEAST_PX or columns.stop - columns.start < NEAR_LEAST_PX:
-            return None
-        return columns.start, columns.stop, rows.start, rows.stop
 
     @staticmethod
     def lit(image: Image.Image, rng: np.random.Generator) -> Image.Image:

@@ -23,10 +23,10 @@ OBJECTS = (
     "car", "vehicle", "parked vehicle", "sedan", "truck", "bus", "van", "minivan", "school bus", "pickup truck",
     "ambulance", "fire truck", "human", "person", "pedestrian", "cyclist", "bicycle",
 )  # fmt: skip
-# Pictures are brought to the size that the network learnt at, and looked at once more at half of it: what is
+# Pictures are brought to about the size that the network learnt at, and looked at once more at less: what is
 # large and near is told from far away.
-DETAIL_PX, LARGEST = 280_000, 1.25
-WHOLE_SCALE, WHOLE_WEIGHT = 0.5, 0.5
+DETAIL_PX, LARGEST = 180_000, 1.25
+WHOLE_SCALE, WHOLE_WEIGHT = 0.625, 0.5
 FILES = ("mini_image.safetensors", "mini_text.safetensors", "mini_phrases.txt", "mini_tokenizer.json")
 
 
@@ -74,7 +74,9 @@ class Mini:
         import torch
         from torch.nn import functional
 
-        torch.set_num_threads(1)  # pictures are looked at side by side: that takes fewer steps than to share one
+        torch.set_num_threads(
+            1
+        )  # pictures are looked at side by side: that takes fewer steps than to share one
         height, width, _ = rgb.shape
         pixels = torch.tensor(rgb).permute(2, 0, 1)[None].float()
         scale = min((DETAIL_PX / (height * width)) ** 0.5, LARGEST)
