@@ -130,3 +130,17 @@ def test_a_folder_that_is_a_file_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "flow").write_text("not a folder")
     with pytest.raises(UpvlError, match="cannot write .*--out"):
         save(tmp_path / "flow" / "drive.parquet", thing(1, 1))
+
+
+@dataclass(frozen=True)
+class ShortRow(Row):
+    code: Array = column("int8", "code", per="point", shape=(64,))
+
+
+@pytest.mark.parametrize("points", [0, 300])
+def test_small_numbers_take_a_byte_each(tmp_path: Path, points: int) -> None:
+    path = tmp_path / "short" / "drive.parquet"
+    code = np.random.default_rng(0).integers(-128, 128, (points, 64), dtype=np.int8)
+    write(path, ShortRow, [ShortRow("drive", 0, code)], stamp="{}", counts={})
+    np.testing.assert_array_equal(Table(path, ShortRow)[0].code, code)
+    assert path.stat().st_size < points * 64 + 2000

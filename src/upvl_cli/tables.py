@@ -30,6 +30,10 @@ def schema_of(row: type[Row]) -> pa.Schema:
     """The Arrow schema that follows from a row's declaration."""
 
     def arrow(spec: Column) -> pa.DataType:
+        if spec.shape and spec.type == "int8":
+            return (
+                pa.binary()
+            )  # Parquet has no integers of one byte: a list would take four each, and their time
         kind = pa.type_for_alias(spec.type)
         return pa.list_(kind) if spec.is_array else kind
 
@@ -158,6 +162,8 @@ def _pack(name: str, value: Any, spec: Column, kind: pa.DataType, lengths: dict[
     flat = values.reshape(-1)
     if np.issubdtype(flat.dtype, np.floating) and not np.isfinite(flat).all():
         raise ValueError(f"column {name} holds NaN or infinite values")
+    if pa.types.is_binary(kind):
+        return pa.array([flat.astype(spec.type, copy=False).tobytes()], type=kind)
     dtype = np.dtype(kind.value_type.to_pandas_dtype())
     items = pa.array(flat.astype(dtype, copy=False), type=kind.value_type)
     return pa.ListArray.from_arrays(pa.array([0, len(flat)], pa.int32()), items, type=kind)
@@ -206,7 +212,11 @@ class Table:
 def _unpack(values: pa.ChunkedArray, spec: Column) -> Any:
     if not spec.is_array:
         return values[0].as_py()
-    flat: Array = values.chunk(0).values.to_numpy(zero_copy_only=False)
+    flat: Array
+    if pa.types.is_binary(values.type):
+        flat = np.frombuffer(values[0].as_buffer(), dtype=spec.type)
+    else:
+        flat = values.chunk(0).values.to_numpy(zero_copy_only=False)
     shape = (-1, *spec.shape) if spec.per else spec.shape
     return flat.reshape(shape) if flat.size or not spec.per else flat.reshape(0, *spec.shape)
 
