@@ -48,7 +48,7 @@ def _million(folder: Path) -> bool:
     asked = question(workspace, of_phrases(["fire truck"]), same=0.9, anyway=False)
 
     def search() -> None:
-        found = find(store(workspace, "labels"), asked, Filters(), threshold=0.0, candidates=100)
+        found = find(store(workspace, "labels"), asked, Filters(), threshold=0.0, candidates=50)
         assert len(found.hits)
 
     first_s, warm_s = _seconds(search, 1), _seconds(search, RUNS)

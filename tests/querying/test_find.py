@@ -178,9 +178,9 @@ def test_features_of_another_model_or_basis_are_refused(tmp_path: Path) -> None:
         store(made, None)
     refit(made, json.dumps({"vlm": made.model_stamp, "values": 2}))
     with pytest.raises(NotMade, match=r"one.parquet was made before the last pca; run: upvl autolabel"):
-        store(made, None)
+        ask(made, "car")
     path.write_bytes(content)
-    assert store(made, None).on == "labels"
+    assert len(ask(made, "car").hits) == 1
 
 
 def test_the_index_follows_the_shards(tmp_path: Path) -> None:

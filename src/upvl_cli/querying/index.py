@@ -18,7 +18,7 @@ import numpy as np
 import pyarrow as pa
 
 from upvl_cli.algorithms.open_vocabulary import KEPT
-from upvl_cli.querying.store import Store
+from upvl_cli.querying.store import Store, check_basis
 from upvl_cli.rows import ObjectRow
 from upvl_cli.stage import Row
 from upvl_cli.tables import Table, footer_digest, whole
@@ -78,8 +78,11 @@ def drives(store: Store) -> Iterator[tuple[str, Objects]]:
     """The objects of each drive, by name; the index is made or mended first where it has to be.
 
     The arrays are views of the file: what is not looked at is not read.
+
+    Raises:
+        NotMade: A shard is damaged, or was made with another basis than there is now.
     """
-    wanted = {name: footer_digest(path) for name, path in store.paths.items()}
+    wanted = {name: f"{footer_digest(path)} {store.basis_digest}" for name, path in store.paths.items()}
     batches = _stored(store.index)
     if list(batches) != list(wanted.items()):
         _write(store, wanted, batches)
@@ -89,7 +92,7 @@ def drives(store: Store) -> Iterator[tuple[str, Objects]]:
 
 
 def _stored(path: Path) -> dict[tuple[str, str], pa.RecordBatch]:
-    """The batch of each drive, by name and digest of its shard; nothing of a file that is missing or damaged."""
+    """The batch of each drive, by name and digest of its shard and basis; none where the file is missing or damaged."""
     with suppress(OSError, pa.ArrowException, KeyError, ValueError):
         file = pa.ipc.open_file(pa.memory_map(str(path)))
         if file.schema.remove_metadata().equals(_schema({}).remove_metadata()):
@@ -103,7 +106,9 @@ def _write(store: Store, wanted: dict[str, str], before: dict[tuple[str, str], p
     with whole(store.index) as file, pa.ipc.new_file(file, schema) as writer:
         for name, digest in wanted.items():
             kept = before.get((name, digest))
-            columns = kept.columns if kept is not None else _columns(_read(store.paths[name]))
+            if kept is None:
+                check_basis(store, store.paths[name])
+            columns = _columns(_read(store.paths[name])) if kept is None else kept.columns
             writer.write_batch(pa.RecordBatch.from_arrays(columns, schema=schema))
 
 

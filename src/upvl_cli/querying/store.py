@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,12 +28,14 @@ class Store:
         on: "labels" or "detections".
         paths: The shard of each drive, by its name.
         basis: What the features are kept in.
+        basis_digest: Of the shard that holds it.
         index: Where the search index stands.
     """
 
     on: str
     paths: dict[str, Path]
     basis: Basis
+    basis_digest: str
     index: Path
 
 
@@ -43,7 +44,7 @@ def store(workspace: Workspace, on: str | None) -> Store:
 
     Raises:
         BadSetting: There is nothing of that name.
-        NotMade: Nothing has been made yet, or with another model or another basis than there is now.
+        NotMade: Nothing has been made yet, or with another model than there is now.
     """
     if on is None:
         on = "detections" if _shards(workspace, "detections") else "labels"
@@ -55,8 +56,8 @@ def store(workspace: Workspace, on: str | None) -> Store:
     basis = workspace.shard("pca", WHOLE)
     (fitted,) = Table(basis, BY_NAME["pca"].row)
     _check_model(workspace, basis)
-    _check_basis(on, paths.values(), footer_digest(basis))
-    return Store(on, paths, fitted.basis, workspace.out / "query" / f"index-{on}.arrow")
+    digest = footer_digest(basis)
+    return Store(on, paths, fitted.basis, digest, workspace.out / "query" / f"index-{on}.arrow")
 
 
 def _shards(workspace: Workspace, on: str) -> dict[str, Path]:
@@ -72,11 +73,14 @@ def _check_model(workspace: Workspace, basis: Path) -> None:
         )
 
 
-def _check_basis(on: str, paths: Iterable[Path], digest: str) -> None:
-    """Refuse features that were rounded in a basis that has since been fitted anew."""
-    for path in paths:
-        if _stamp(path).get("inputs", {}).get("pca", digest) != digest:
-            raise NotMade(f"{path} was made before the last pca; run: {HOW_TO_MAKE[on]}")
+def check_basis(store: Store, path: Path) -> None:
+    """Refuse features that were rounded in a basis that has since been fitted anew.
+
+    Raises:
+        NotMade: They were.
+    """
+    if _stamp(path).get("inputs", {}).get("pca", store.basis_digest) != store.basis_digest:
+        raise NotMade(f"{path} was made before the last pca; run: {HOW_TO_MAKE[store.on]}")
 
 
 def _stamp(path: Path) -> dict[str, Any]:
