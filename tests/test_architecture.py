@@ -44,6 +44,7 @@ ALLOWED = {
     "evaluation": BASE
     | {
         "evaluation",
+        "algorithms",
         "datasets",
         "metrics",
         "geometry",

@@ -105,6 +105,8 @@ def make_shard(workspace: Workspace, stage: Stage, segment: str, settings: Any, 
         return _fresh(workspace, stage, segment)
     started = time.perf_counter()
     inputs = Inputs(workspace, stage, segment, settings, tick)
+    if os.environ.get("RANK", "0") != "0":
+        return _helped(stage, inputs, settings)
     rows = write(
         path,
         stage.row,
@@ -126,6 +128,18 @@ def make_shard(workspace: Workspace, stage: Stage, segment: str, settings: Any, 
     )
     _log(workspace, made)
     return made
+
+
+def _helped(stage: Stage, inputs: Inputs, settings: Any) -> Made:
+    """Do the part of a process that `torchrun` started beside the first one, which alone writes.
+
+    Raises:
+        BadSetting: The stage is no work for several processes.
+    """
+    if not stage.shared:
+        raise BadSetting(f"{stage.name} cannot be run by torchrun; run: upvl {stage.name}")
+    rows = sum(1 for _ in stage.run(inputs, settings))
+    return Made(stage.name, inputs.segment, True, rows, {}, 0.0, 0.0)
 
 
 def _fresh(workspace: Workspace, stage: Stage, segment: str) -> Made:

@@ -116,6 +116,7 @@ class Stage:
         row: Dataclass, child of `Row`, whose fields are `column`s.
         reads: Names of the stages it may open; `raw` is the drive itself, `vlm` the vision-language model.
         whole: Made once for all drives together, as one shard, and not once a segment.
+        shared: Several processes of `torchrun` can make a shard together.
         large: Its shards are: `--dry-run` foretells their size.
         version: Raised by hand when the code gives other rows for equal values.
     """
@@ -126,6 +127,7 @@ class Stage:
     row: type[Row]
     reads: tuple[str, ...]
     whole: bool = False
+    shared: bool = False
     large: bool = False
     version: int = 1
 

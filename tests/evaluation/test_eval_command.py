@@ -186,7 +186,7 @@ def test_a_region_cuts_both_sides(workspace: Path) -> None:
             {"agnostic": False},
             "auto labels have no class yet, so none can be right; run: upvl eval --class-agnostic",
         ),
-        ({"what": "detections"}, "there are no detections: no stage trains or runs a detector yet"),
+        ({"what": "detections"}, "which is missing (not made); run: make detect"),
         ({"what": "boxes"}, "--what 'boxes': expected one of labels, detections, tracks"),
         ({"region": "40"}, "--region '40': expected length x width in metres around the car, such as 100x40"),
         ({"iou": [0.0]}, "iou[0] = 0.0 must be >= 0.001 and <= 1"),

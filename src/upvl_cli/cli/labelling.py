@@ -12,10 +12,14 @@ import typer
 from upvl_cli.cli.application import DryRun, Segments, Workers, app
 from upvl_cli.errors import BadSetting
 from upvl_cli.stage import Param, Stage, params_of
-from upvl_cli.stages import LABELLING, STAGES
+from upvl_cli.stages import BY_NAME, LABELLING, STAGES
 from upvl_cli.workspace import Workspace
 
 MOVING_ONLY = "moving-only"  # the preset of those labels
+MODEL, LABELS = "model", "labels"  # what `detect` looks with
+_ON = typer.Option(
+    help=f"{MODEL}: run the detector; {LABELS}: the same columns of the auto labels, without any training."
+)
 
 
 def _stage_command(stage: Stage) -> Callable[..., None]:
@@ -26,9 +30,13 @@ def _stage_command(stage: Stage) -> Callable[..., None]:
         segment: list[str] | None = None,
         workers: int = 1,
         dry_run: bool = False,
+        on: str = MODEL,
         **values: Any,
     ) -> None:
         overrides = {name: value for name, value in values.items() if value is not None}
+        if on != MODEL:
+            label(context.obj, [_instead(on, overrides)], segment, workers=workers, overrides={})
+            return
         if dry_run:
             foretell(context.obj, stage, segment, overrides)
             return
@@ -39,6 +47,8 @@ def _stage_command(stage: Stage) -> Callable[..., None]:
         fixed += [("segment", Segments, None), ("workers", Workers, 1)]
     if stage.large:
         fixed.append(("dry_run", DryRun, False))
+    if stage.name == "detect":
+        fixed.append(("on", Annotated[str, _ON], MODEL))
     options = [
         (name, (list[get_args(kind)[0]] if get_origin(kind) is tuple else kind) | None, _option(spec))  # type: ignore[misc]
         for name, (kind, spec) in params_of(stage.params).items()
@@ -55,6 +65,15 @@ def _stage_command(stage: Stage) -> Callable[..., None]:
     command.__name__ = stage.name
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     return command
+
+
+def _instead(on: str, overrides: Mapping[str, Any]) -> Stage:
+    """The stage that gives what `detect` gives, of the auto labels, before any training."""
+    if on != LABELS:
+        raise BadSetting(f"--on {on!r}: expected {MODEL} or {LABELS}")
+    if overrides:
+        raise BadSetting(f"--on {LABELS} takes no settings: it gives the auto labels as they are")
+    return BY_NAME["describe"]
 
 
 def _option(spec: Param) -> Any:

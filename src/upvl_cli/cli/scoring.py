@@ -30,7 +30,7 @@ def evaluate(
     ] = None,
     more: Annotated[list[float] | None, typer.Argument(hidden=True, metavar="IOU")] = None,
 ) -> None:
-    """Score the auto labels against human labels: tables, out/eval/*.json and pictures."""
+    """Score auto labels, detections or tracks against human labels: tables, out/eval/*.json and pictures."""
     from rich.console import Console
 
     from upvl_cli.evaluation import run

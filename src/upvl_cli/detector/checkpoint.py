@@ -93,4 +93,4 @@ def rebuilt(weights: Array, grid: Grid, width: int, encoder: str, distils: bool)
     """Return the network that `packed` weights belong to, ready to detect."""
     detector = Detector(grid, width, encoder, distils)
     detector.load_state_dict(load(weights.tobytes()), strict=True)
-    return detector.eval()
+    return detector.train(False)

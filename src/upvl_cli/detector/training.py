@@ -200,7 +200,7 @@ def _check(lesson: Lesson, state: State) -> None:
     frames, team = lesson.frames, lesson.team
     held_out = range(frames.train, frames.train + frames.held_out)
     loss = torch.zeros((), dtype=torch.float64, device=team.device)
-    lesson.detector.eval()
+    lesson.detector.train(False)
     with torch.no_grad():
         for sample in in_order(frames.plain, held_out[team.rank :: team.size]):
             loss += _losses(lesson, [sample]).total
@@ -215,7 +215,7 @@ def _check(lesson: Lesson, state: State) -> None:
 
 def _found(lesson: Lesson) -> Iterator[tuple[int, Array]]:
     """What the network is sure of in the frames to learn from: boxes on no label, by number of the frame."""
-    detector, device = lesson.detector.eval(), lesson.team.device
+    detector, device = lesson.detector.train(False), lesson.team.device
     with torch.no_grad():
         for number, sample in enumerate(in_order(lesson.frames.plain, range(lesson.frames.train))):
             batch = collate([sample], detector.grid).to(device)

@@ -13,6 +13,7 @@ import numpy as np
 from upvl_cli.datasets.base import LabelSource
 from upvl_cli.datasets.label_sources import LABELS
 from upvl_cli.errors import BadInput, NotMade
+from upvl_cli.evaluation.detected_names import types_of
 from upvl_cli.evaluation.region import Region
 from upvl_cli.geometry.camera import project
 from upvl_cli.metrics.inputs import Predictions, Truth, relabelled, resolved_level
@@ -25,7 +26,8 @@ from upvl_cli.workspace import Workspace
 # Whatever road user was labelled is an object, also of an unknown kind; a sign is none.
 ANY_CLASS = {0: 1, 2: 1, 4: 1}
 
-NAMES = "name"  # the stage that gives boxes their types
+NAMES = "name"  # the stage that gives labels their types
+DETECTIONS = "detect"  # what it makes gets them by its own features
 
 Rows = TypeVar("Rows", bound=ParallelArrays)
 
@@ -92,7 +94,7 @@ def gather(workspace: Workspace, stage: str, *, region: Region | None, named: bo
         workspace: Where.
         stage: The stage that made the boxes.
         region: Boxes whose centre lies outside do not count, on either side; None takes all.
-        named: Whether the boxes get the types that the stage `name` found.
+        named: Whether the boxes get types: those that the stage `name` found, or for detections its words.
 
     Raises:
         BadInput: No drive has labels, or a file of labels is damaged.
@@ -143,9 +145,8 @@ def checked_table(workspace: Workspace, stage: str, segment: str) -> Table:
     condition, reason = state(workspace, BY_NAME[stage], segment)
     path = workspace.shard(stage, segment)
     if condition != "fresh":
-        raise NotMade(
-            f"eval needs {path}, which is {condition} ({reason}); run: upvl autolabel --all-motion, or --moving-only"
-        )
+        way = f"make {stage}" if stage == DETECTIONS else "upvl autolabel --all-motion, or --moving-only"
+        raise NotMade(f"eval needs {path}, which is {condition} ({reason}); run: {way}")
     return Table(path, BY_NAME[stage].row)
 
 
@@ -160,8 +161,7 @@ def _of_drive(
 ) -> _Drive:
     rows = checked_table(workspace, stage, segment)
     chosen = [rows[frame] for frame in rows.frames if frame in frames]
-    names = checked_table(workspace, NAMES, segment) if named else None
-    types = [_types(row, names[row.frame]) if names else np.zeros(len(row.seven), np.int8) for row in chosen]
+    types = _types_of(workspace, stage, segment, rows, chosen, named)
     predictions = _predictions(segment, chosen, types)
     labels = source.labels(segment)
     truth = _truth(segment, labels)
@@ -188,6 +188,19 @@ def _truth(segment: str, labels: Labels) -> Truth:
         velocity_mps=labels.velocity_mps[:, :2],
         object_id=labels.object_id,
     )
+
+
+def _types_of(
+    workspace: Workspace, stage: str, segment: str, rows: Table, chosen: Sequence[Any], named: bool
+) -> list[Ints]:
+    """(b,) the type of each box of each chosen row; 0 where none is asked for."""
+    if not named:
+        return [np.zeros(len(row.seven), np.int8) for row in chosen]
+    if stage == DETECTIONS:
+        of_frame = types_of(workspace, rows)
+        return [of_frame[row.frame] for row in chosen]
+    names = checked_table(workspace, NAMES, segment)
+    return [_types(row, names[row.frame]) for row in chosen]
 
 
 def _types(row: Any, names: Any) -> Ints:

@@ -19,7 +19,7 @@ from upvl_cli.evaluation.run import STAGE_OF
 from upvl_cli.evaluation.score import detection_scores, named_scores, track_scores
 from upvl_cli.runner import Made
 from upvl_cli.settings import load
-from upvl_cli.stages import BY_NAME
+from upvl_cli.stages import LABELLING
 from upvl_cli.sweep import make, preset_workspace
 from upvl_cli.workspace import Workspace, write_if_changed
 
@@ -52,7 +52,8 @@ def missing(row: PaperRow, folder: Path) -> str:
         row: The row.
         folder: The presets.
     """
-    stage = next((name for name in row.needs if name not in BY_NAME), None)
+    made_here = [stage.name for stage in LABELLING]  # no detector is trained on the way
+    stage = next((name for name in row.needs if name not in made_here), None)
     if stage:
         return f"no {stage} yet"
     if row.preset and not (folder / row.preset).is_dir():

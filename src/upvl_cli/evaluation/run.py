@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from upvl_cli.errors import BadSetting, NotMade, UpvlError, one_line
+from upvl_cli.errors import BadSetting, UpvlError, one_line
 from upvl_cli.evaluation.flow_score import flow_score
 from upvl_cli.evaluation.gather import Material, gather
 from upvl_cli.evaluation.params import EvalParams
@@ -20,7 +20,6 @@ from upvl_cli.evaluation.region import Region
 from upvl_cli.evaluation.report import Report, Scope, as_json, shown
 from upvl_cli.evaluation.score import detection_scores, diagnosis, track_scores
 from upvl_cli.settings import load
-from upvl_cli.stages import BY_NAME
 from upvl_cli.tables import whole
 from upvl_cli.workspace import Workspace, write_if_changed
 
@@ -38,7 +37,7 @@ def evaluate(
     region: str | None,
     overrides: Mapping[str, Any],
 ) -> Report:
-    """Score the auto labels of a workspace against its labels.
+    """Score the auto labels or the detections of a workspace against its labels.
 
     Args:
         workspace: Where.
@@ -55,10 +54,6 @@ def evaluate(
     """
     if what not in STAGE_OF:
         raise BadSetting(f"--what {what!r}: expected one of {', '.join(STAGE_OF)}")
-    if STAGE_OF[what] not in BY_NAME:
-        raise NotMade(
-            "there are no detections: no stage trains or runs a detector yet; run: upvl eval --what labels"
-        )
     if class_agnostic is False:
         raise BadSetting(
             "auto labels have no class yet, so none can be right; run: upvl eval --class-agnostic"

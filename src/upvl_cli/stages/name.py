@@ -22,6 +22,12 @@ class NameParams:
     cyclist: tuple[str, ...] = param("words for people on two wheels")
     other: tuple[str, ...] = param("words for all else: what they win is neither")
 
+    @property
+    def words(self) -> tuple[list[int], list[str]]:
+        """All words, each with the number of its kind."""
+        lists = ((1, self.vehicle), (2, self.pedestrian), (4, self.cyclist), (0, self.other))
+        return [kind for kind, some in lists for _ in some], [word for _, some in lists for word in some]
+
 
 @dataclass(frozen=True)
 class NameRow(Row):
@@ -44,10 +50,9 @@ def run(inputs: Inputs, params: NameParams) -> Iterator[NameRow]:
 
     (fitted,) = inputs.table("pca")
     features, labels = inputs.table("extract-vl"), inputs.table("nms")
-    lists = ((1, params.vehicle), (2, params.pedestrian), (4, params.cyclist), (OTHER, params.other))
-    words = inputs.model.embed_text([word for _, some in lists for word in some])
-    kinds = np.repeat([kind for kind, _ in lists], [len(some) for _, some in lists])
-    votes = Votes(kinds, lambda feature: fitted.basis.cosines(feature, words))
+    kinds, names = params.words
+    words = inputs.model.embed_text(names)
+    votes = Votes(np.array(kinds), lambda feature: fitted.basis.cosines(feature, words))
     for row in labels:
         of = features[row.frame]
         seen = np.flatnonzero(of.state == SEEN)

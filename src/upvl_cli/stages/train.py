@@ -225,4 +225,5 @@ STAGE = Stage(
     row=TrainRow,
     reads=("raw", "odometry", "pca", "extract-vl", "nms"),
     whole=True,
+    shared=True,
 )
