@@ -36,13 +36,13 @@ MOVING = {
 RUNS: dict[str, Mapping[str, Mapping[str, str]]] = {
     "as shipped": {},
     "words off": OFF,
-    "without a view: keep": {"mask": {"no_view": '"keep"'}},
+    **{f"without a view: {policy}": {"mask": {"no_view": f'"{policy}"'}} for policy in ("keep", "moving")},
     "moving only": MOVING,
     "background clusters too": {"propose": {"cluster_background": "true"}},
     "features in the distance": {"propose": {"eps_vl": "0.5"}},
     **{
         f"r_bg {share} %": {"propose": {"max_background_share": f"{share / 100}"}}
-        for share in (10, 50, 90, 99, 100)
+        for share in (10, 25, 50, 75, 90, 99, 100)
     },
     **{
         f"eps_bg {eps}": {"mask": {"calibrated": "false", "eps_bg": str(eps), "against": json.dumps(OBJECTS)}}

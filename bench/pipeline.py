@@ -22,7 +22,9 @@ from pathlib import Path
 import numpy as np
 from sklearn.cluster import DBSCAN
 
-from upvl_cli.stages import STAGES
+from upvl_cli.cli.labelling import MOVING_ONLY
+from upvl_cli.stages import LABELLING
+from upvl_cli.sweep import remember
 from upvl_cli.workspace import Workspace
 from workspaces import on_kitti
 
@@ -64,14 +66,15 @@ def main() -> None:
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         folder = on_kitti(arguments.keep or Path(temporary), arguments.root, [])
-        workspace = Workspace(folder / "stages", folder / "out")
+        workspace = Workspace(folder / "stages", folder / "out", MOVING_ONLY)
+        remember(workspace)
         drives = [workspace.dataset.open(name) for name in workspace.segments]
         frames = sum(len(drive.frames) for drive in drives)
         sweep = drives[0].points(drives[0].frames[len(drives[0].frames) // 2].index)
         plain_s = min(reference_s(sweep.xyz_ego_m) for _ in range(3))
         print(f"{frames} frames; plain DBSCAN of one sweep: {plain_s:.3f} s")
         print(f"{'stage':10} {'wall s':>8} {'cpu s':>8} {'s/frame':>8} {'peak MiB':>9}")
-        for stage in STAGES:
+        for stage in LABELLING:
             _print_row(stage.name, measured([stage.name], folder), frames)
         shutil.rmtree(folder / "out")
         whole = measured(["autolabel", "--moving-only"], folder)
