@@ -164,3 +164,20 @@ def test_two_processes_write_one_shard_with_the_same_curve(
     (one,), (two,) = table(trained, "train"), table(folder, "train")
     for name in ("total", "box", "distil", "check_total"):
         np.testing.assert_allclose(getattr(two, name), getattr(one, name), rtol=1e-4)
+
+
+def test_a_preset_of_training_stands_beside_that_of_the_labels(labelled: Path, tmp_path: Path) -> None:
+    folder = copied(labelled, tmp_path)
+    (folder / "stages" / "presets" / "moving-only" / "mask.toml").write_text("min_speed_mps = 1.0\n")
+    (folder / "stages" / "presets" / "quick").mkdir()
+    (folder / "stages" / "presets" / "quick" / "train.toml").write_text("steps = 1\nheld_out = 0.0\n")
+    assert upvl(folder, "train", "--preset", "quick").returncode == 0
+    assert (folder / "out" / "preset").read_text() == "moving-only+quick\n"
+    (row,) = table(folder, "train")
+    assert len(row.total) == 1 and len(row.check_step) == 0
+    assert "made" not in upvl(folder, "autolabel", "--moving-only").stdout
+    assert (folder / "out" / "preset").read_text() == "quick+moving-only\n"
+    assert upvl(folder, "train").stdout == ""
+    assert "presets/slow is missing" in fails(folder, "train", "--preset", "slow")
+    (folder / "stages" / "presets" / "quick" / "train.toml").write_text("steps = 0\n")
+    assert "presets/quick/train.toml: steps = 0 must be >= 1" in fails(folder, "train")

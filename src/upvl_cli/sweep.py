@@ -9,8 +9,9 @@ from pathlib import Path
 
 from upvl_cli.errors import BadSetting, UpvlError
 from upvl_cli.runner import Made, Tick, claim_folder, make_shard
+from upvl_cli.stage import Stage
 from upvl_cli.stages import BY_NAME, LABELLING, STAGES
-from upvl_cli.workspace import WHOLE, Workspace, write_if_changed
+from upvl_cli.workspace import WHOLE, Workspace, joined, write_if_changed
 
 
 def checked_preset(stages: Path, name: str) -> str:
@@ -49,6 +50,26 @@ def preset_workspace(base: Workspace, name: str) -> Workspace:
     workspace = Workspace(base.stages, base.out / "tables" / name, checked_preset(base.stages, name))
     for stage in STAGES:
         workspace.settings(stage)
+    remember(workspace)
+    return workspace
+
+
+def with_preset(base: Workspace, name: str, stages: Sequence[Stage]) -> Workspace:
+    """The workspace with a preset in place of those that have a say in some stages; noted in its folder.
+
+    Args:
+        base: The workspace.
+        name: A folder of `stages/presets`; "" leaves the stages with the values that ship.
+        stages: Which stages.
+
+    Raises:
+        BadSetting: There is no such preset, or it holds a file that no stage knows.
+    """
+    others = [part for part in base.presets if not any(base.preset_file(part, stage) for stage in stages)]
+    # One without any file has no say in anything, and is left with the rest.
+    kept = [part for part in others if any(base.preset_file(part, stage) for stage in STAGES)]
+    chosen = [checked_preset(base.stages, name)] if name else []
+    workspace = Workspace(base.stages, base.out, joined([*kept, *chosen]))
     remember(workspace)
     return workspace
 

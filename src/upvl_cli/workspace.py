@@ -7,7 +7,7 @@ import difflib
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -46,6 +46,7 @@ class VlmParams:
 
 
 WHOLE = "all"  # the segment of a stage that is made once for all drives
+_AND = "+"  # between the names of presets
 NO_STAGES = ("raw", "vlm")  # what a stage can read that no stage makes
 
 
@@ -58,8 +59,9 @@ class Workspace:
         Args:
             stages: Folder of the TOML files.
             out: Folder of the shards; made when the first is written.
-            preset: Folder of `stages/presets` whose values stand over those of the TOML files; "" for none, and
-                None for the one that the shards in `out` were last made with.
+            preset: Folder of `stages/presets` whose values stand over those of the TOML files; several are joined
+                by +, the later over the earlier; "" for none, and None for what the shards in `out` were last
+                made with.
         """
         self.stages = stages
         self.out = out
@@ -140,8 +142,19 @@ class Workspace:
         try:
             return load(stage.params, path, {**differing, **overrides})
         except BadSetting as error:
-            blamed = self.stages / "presets" / self.preset / path.name
+            last = next(part for part in reversed(self.presets) if self.preset_file(part, stage))
+            blamed = self.preset_file(last, stage)
             raise BadSetting(str(error).replace(f"{path}: ", f"{blamed}: ", 1)) from None
+
+    @property
+    def presets(self) -> list[str]:
+        """The names of the presets, the later over the earlier."""
+        return self.preset.split(_AND) if self.preset else []
+
+    def preset_file(self, preset: str, stage: Stage) -> Path | None:
+        """The file with the values of a stage that a preset gives; None where it gives none."""
+        path = self.stages / "presets" / preset / f"{stage.name}.toml"
+        return path if os.path.lexists(path) else None
 
     @cached_property
     def vlm(self) -> VlmParams:
@@ -249,11 +262,14 @@ class Workspace:
 
 
 def preset_values(stages: Path, preset: str, stage: str) -> dict[str, Any]:
-    """The values of a stage that a preset gives; none where it has no file of that stage.
+    """The values of a stage that a preset, or several, give; none where there is no file of that stage.
 
     Raises:
         BadSetting: There is no such preset, or the file is no TOML.
     """
+    if _AND in preset:
+        parts = [preset_values(stages, part, stage) for part in preset.split(_AND)]
+        return {name: value for part in parts for name, value in part.items()}
     folder = stages / "presets" / preset
     if not folder.is_dir():
         raise BadSetting(
@@ -269,7 +285,12 @@ def _preset_of(out: Path) -> str:
         name = (out / "preset").read_text(encoding="utf-8").strip()
     except (OSError, ValueError):
         return ""
-    return name if SAFE_NAME.fullmatch(name) else ""
+    return name if all(SAFE_NAME.fullmatch(part) for part in name.split(_AND)) else ""
+
+
+def joined(presets: Iterable[str]) -> str:
+    """Several presets as one, the later over the earlier."""
+    return _AND.join(presets)
 
 
 def write_if_changed(path: Path, text: str) -> bool:

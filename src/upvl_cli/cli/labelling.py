@@ -17,6 +17,9 @@ from upvl_cli.workspace import Workspace
 
 MOVING_ONLY = "moving-only"  # the preset of those labels
 MODEL, LABELS = "model", "labels"  # what `detect` looks with
+_PRESET = typer.Option(
+    help='Take the values of this folder of presets from now on, such as small or paper; "" for those that ship.'
+)
 _ON = typer.Option(
     help=f"{MODEL}: run the detector; {LABELS}: the same columns of the auto labels, without any training."
 )
@@ -31,9 +34,14 @@ def _stage_command(stage: Stage) -> Callable[..., None]:
         workers: int = 1,
         dry_run: bool = False,
         on: str = MODEL,
+        preset: str | None = None,
         **values: Any,
     ) -> None:
         overrides = {name: value for name, value in values.items() if value is not None}
+        if preset is not None:
+            from upvl_cli.sweep import with_preset
+
+            context.obj = with_preset(context.obj, preset, [stage])
         if on != MODEL:
             label(context.obj, [_instead(on, overrides)], segment, workers=workers, overrides={})
             return
@@ -47,6 +55,8 @@ def _stage_command(stage: Stage) -> Callable[..., None]:
         fixed += [("segment", Segments, None), ("workers", Workers, 1)]
     if stage.large:
         fixed.append(("dry_run", DryRun, False))
+    if stage.name == "train":
+        fixed.append(("preset", Annotated[str | None, _PRESET], None))
     if stage.name == "detect":
         fixed.append(("on", Annotated[str, _ON], MODEL))
     options = [
@@ -100,12 +110,9 @@ def autolabel(
     """Label the drives: all stages that make labels in order, then a summary."""
     if moving_only is None:
         raise BadSetting("say which objects to label: upvl autolabel --moving-only, or --all-motion")
-    from upvl_cli.sweep import checked_preset, remember
+    from upvl_cli.sweep import with_preset
 
-    given: Workspace = context.obj
-    preset = checked_preset(given.stages, MOVING_ONLY) if moving_only else ""
-    context.obj = Workspace(given.stages, given.out, preset)
-    remember(context.obj)
+    context.obj = with_preset(context.obj, MOVING_ONLY if moving_only else "", LABELLING)
     label(context.obj, LABELLING, segment, workers=workers, overrides={})
     summary(context)
 
