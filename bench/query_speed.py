@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import resource
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -28,7 +27,7 @@ from upvl_cli.stages.pca import PcaRow
 from upvl_cli.tables import footer_digest, write
 from upvl_cli.vlm.mini import Mini
 from upvl_cli.workspace import WHOLE, Workspace
-from workspaces import ROOT
+from workspaces import on_kitti
 
 BOXES, FRAMES = 50, 200  # as a drive of Waymo Open has them
 DRIVES = 100
@@ -90,8 +89,7 @@ def _query(folder: Path, *options: str) -> None:
 
 
 def _workspace(folder: Path, drives: int, points: int) -> Workspace:
-    folder.mkdir()
-    shutil.copytree(ROOT / "stages", folder / "stages")
+    on_kitti(folder, folder / "drives", [])  # where no drive is: a query needs none
     workspace = Workspace(folder / "stages", folder / "out")
     looks = Mini().embed_text(Mini().text.phrases)
     basis = fit([looks], looks.shape[1])

@@ -31,9 +31,9 @@ def test_a_query_prints_a_line_an_object_and_writes_each_box(folder: Path) -> No
     done = upvl(folder, "query", "fire truck")
     assert done.returncode == 0, done.stderr
     heading, first, second, summary, table, sheet = done.stdout.splitlines()
-    assert heading.split()[:4] == ["class", "word", "score", "votes"]
-    assert " ".join(first.split()) == "fire truck fire truck 1.00 100% gone - 1 0 0.0 25.0 0.0"
-    assert " ".join(second.split()) == "fire truck fire truck 0.95 95% street-0 7 2 0 0.0 12.0 5.0"
+    assert heading.split()[:3] == ["word", "score", "votes"]
+    assert " ".join(first.split()) == "fire truck 1.00 100% gone - 1 0 0.0 25.0 0.0"
+    assert " ".join(second.split()) == "fire truck 0.95 95% street-0 7 2 0 0.0 12.0 5.0"
     assert summary == "5 labels: 3 hits of 2 objects, 2 other words"
     assert (table, sheet) == ("out/query/fire-truck.parquet", "out/query/fire-truck.png")
     rows = pq.read_table(folder / table).to_pylist()

@@ -18,6 +18,9 @@ On = Annotated[
 Anyway = Annotated[bool, typer.Option("--anyway", help="Ask for words that are likely misspelt as they are.")]
 
 
+WIDE = 200  # columns where no terminal says how many there are: no name of a drive is cut
+
+
 @app.command()
 def query(
     context: typer.Context,
@@ -107,5 +110,6 @@ def words(
 def _print(items: Iterable[Any]) -> None:
     from rich.console import Console
 
+    width = None if Console().is_terminal else WIDE
     for item in items:
-        Console(soft_wrap=isinstance(item, str)).print(item, markup=False, highlight=False)
+        Console(soft_wrap=isinstance(item, str), width=width).print(item, markup=False, highlight=False)

@@ -47,7 +47,8 @@ def best_of_tracks(hits: Hits) -> tuple[Ints, Ints]:
 def table(hits: Hits, question: Question, top: int) -> Table:
     """The best box of each of the best tracks, a line each."""
     shown = Table(box=None, pad_edge=False)
-    for heading in ("class", "word"):
+    several = len(question.names) < question.asked.sum()  # words a class: else the class is the word
+    for heading in ("class", "word")[not several :]:
         shown.add_column(heading)
     for heading in ("score", "votes"):
         shown.add_column(heading, justify="right")
@@ -56,7 +57,7 @@ def table(hits: Hits, question: Question, top: int) -> Table:
         shown.add_column(heading, justify="right")
     first, frames = best_of_tracks(hits)
     for place, count in zip(first[:top].tolist(), frames.tolist(), strict=False):
-        shown.add_row(*_line(hits, question, place, count))
+        shown.add_row(*_line(hits, question, place, count)[not several :])
     return shown
 
 
