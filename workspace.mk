@@ -19,10 +19,12 @@ endif
 $(OUT)/rules.mk: FORCE
 	@$(UPVL) plan
 
-pipeline: labels
+pipeline: labels detect
 	@$(UPVL) summary
 	@echo "pictures:"
 	@$(UPVL) draw
+	@echo "what the detector finds for 'car', by LiDAR alone:"
+	@$(UPVL) query car
 
 .PHONY: clean
 clean:

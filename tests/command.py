@@ -8,6 +8,8 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
+# A detector that learns nothing, but at once.
+TINY_TRAINING = {"steps": "2", "check_steps": "2", "width": "8", "pillar_m": "0.8", "paste": "1", "batch": "1"}
 UPVL = Path(sys.executable).with_name("upvl")
 
 
@@ -22,6 +24,8 @@ def make_workspace(folder: Path, **values: str) -> Path:
                 key, _, value = line.partition(" = ")
                 set_value(folder, preset.stem, key, value)
         preset.unlink()  # so that a value of the test's own counts
+    for key, value in TINY_TRAINING.items():
+        set_value(folder, "train", key, value)
     for name, value in values.items():
         stage, key = name.split("__")
         set_value(folder, stage, key, value)

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from command import UPVL, make_workspace, upvl
+from upvl_cli.stages import LABELLING
 
 KILLS = 5
 
@@ -36,5 +37,5 @@ def test_killed_at_random_moments(tmp_path: Path) -> None:
         process.wait()
     assert upvl(killed, "autolabel", "--moving-only").returncode == 0
     assert shards(killed) == shards(whole)
-    assert len(shards(whole)) == 8
+    assert len(shards(whole)) == len(LABELLING)
     assert not list(killed.glob("out/**/.*.part"))
