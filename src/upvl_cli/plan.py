@@ -7,6 +7,7 @@ from pathlib import Path
 
 from upvl_cli.datasets.city.settings import CityParams
 from upvl_cli.evaluation.params import EvalParams
+from upvl_cli.querying.params import QueryParams
 from upvl_cli.settings import load
 from upvl_cli.stage import Stage, columns_of, params_of
 from upvl_cli.stages import LABELLING, STAGES
@@ -94,6 +95,9 @@ def page(stages: Sequence[Stage], folder: Path) -> str:
             )
             lines.append(f"| `{name}` | {spec.type}{shape} | {spec.per or 'frame'} | {meaning} |")
         lines.append("")
+    lines += _section(
+        "query", "Finds objects by words, in drives that need no picture.", (), QueryParams, folder
+    )
     lines += _section(
         "eval", "Scores labels, tracks and flow where the truth is known.", (), EvalParams, folder
     )
