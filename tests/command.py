@@ -9,7 +9,14 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 # A detector that learns nothing, but at once.
-TINY_TRAINING = {"steps": "2", "check_steps": "2", "width": "8", "pillar_m": "0.8", "paste": "1", "batch": "1"}
+TINY_TRAINING = {
+    "steps": "2",
+    "check_steps": "2",
+    "width": "8",
+    "pillar_m": "0.8",
+    "paste": "1",
+    "batch": "1",
+}
 UPVL = Path(sys.executable).with_name("upvl")
 
 

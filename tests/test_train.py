@@ -98,6 +98,14 @@ def test_what_is_learned_and_what_is_kept(trained: Path) -> None:
     assert (trained / "out/train/curves.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_scores_by_name_and_by_drive(trained: Path) -> None:
+    for what in ("labels", "detections"):
+        done = upvl(trained, "eval", "--what", what, "--by-class", "--all-motion", "--segment", SEGMENT)
+        assert done.returncode == 0, done.stderr
+        assert "by name, level 2  vehicles    VRU    mAP" in done.stdout
+    assert "unknown segment 'elsewhere'" in fails(trained, "eval", "--segment", "elsewhere")
+
+
 def test_detections_have_tracks_features_and_scores(trained: Path) -> None:
     rows = list(table(trained, "detect"))
     assert [row.frame for row in rows] == list(range(20))

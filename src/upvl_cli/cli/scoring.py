@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from upvl_cli.cli.application import app
+from upvl_cli.cli.application import Segments, app
 from upvl_cli.stages import LABELLING
 from upvl_cli.workspace import Workspace
 
@@ -19,9 +19,12 @@ def evaluate(
         bool, typer.Option("--moving-only/--all-motion", help="Which labels to ask for.")
     ] = True,
     class_agnostic: Annotated[
-        bool | None,
-        typer.Option("--class-agnostic/--by-class", help="Any object is right, whatever its class."),
-    ] = None,
+        bool,
+        typer.Option(
+            "--class-agnostic/--by-class", help="Any object is right, or the right name is asked for too."
+        ),
+    ] = True,
+    segment: Segments = None,
     region: Annotated[
         str | None, typer.Option(metavar="LxW", help="Only this far around the car: 100x40 (m).")
     ] = None,
@@ -36,7 +39,7 @@ def evaluate(
     from upvl_cli.evaluation import run
 
     overrides = {"iou": sorted({*(iou or ()), *(more or ())})} if iou or more else {}
-    report = run.evaluate(context.obj, what, moving_only, class_agnostic, region, overrides)
+    report = run.evaluate(context.obj, what, moving_only, class_agnostic, region, overrides, segment or ())
     paths = list(run.write(context.obj, report))
     for item in [*run.shown(report), *map(str, paths)]:
         Console(soft_wrap=isinstance(item, str)).print(item, markup=False, highlight=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,12 +59,15 @@ class _Flow(ParallelArrays):
     flow_class: Array = array("int64")
 
 
-def flow_score(workspace: Workspace, settings: EvalParams) -> FlowScore | None:
+def flow_score(
+    workspace: Workspace, settings: EvalParams, segments: Collection[str] = ()
+) -> FlowScore | None:
     """Errors of the flow of all drives; None for a dataset that does not know the truth.
 
     Args:
         workspace: Where.
         settings: Which points count.
+        segments: Which drives; empty takes all.
 
     Raises:
         NotMade: A drive has no flow, or it was made with other settings.
@@ -72,7 +75,9 @@ def flow_score(workspace: Workspace, settings: EvalParams) -> FlowScore | None:
     if workspace.raw.dataset not in TRUE_FLOW:
         return None
     source = TRUE_FLOW[workspace.raw.dataset](workspace.dataset)
-    pairs = [pair for name in workspace.segments for pair in _pairs(workspace, source, name, settings)]
+    pairs = [
+        pair for name in segments or workspace.segments for pair in _pairs(workspace, source, name, settings)
+    ]
     flows = [flow for flow, _ in pairs]
     predicted_m, true_m, total_m = (
         np.concatenate([np.zeros((0, 3)), *(getattr(flow, name) for flow in flows)])

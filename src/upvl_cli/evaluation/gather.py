@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -87,7 +87,14 @@ class _Drive:
     dropped: Counter[str]
 
 
-def gather(workspace: Workspace, stage: str, *, region: Region | None, named: bool = False) -> Material:
+def gather(
+    workspace: Workspace,
+    stage: str,
+    *,
+    region: Region | None,
+    named: bool = False,
+    segments: Collection[str] = (),
+) -> Material:
     """The labels and the boxes of all drives of a workspace that have labels.
 
     Args:
@@ -95,12 +102,13 @@ def gather(workspace: Workspace, stage: str, *, region: Region | None, named: bo
         stage: The stage that made the boxes.
         region: Boxes whose centre lies outside do not count, on either side; None takes all.
         named: Whether the boxes get types: those that the stage `name` found, or for detections its words.
+        segments: Which drives; empty takes all.
 
     Raises:
         BadInput: No drive has labels, or a file of labels is damaged.
         NotMade: A drive has no such boxes, or they were made with other settings.
     """
-    source, frames, left_out = labelled(workspace)
+    source, frames, left_out = labelled(workspace, segments)
     drives = {name: _of_drive(workspace, stage, source, name, frames[name], region, named) for name in frames}
     parts = list(drives.values())
     return Material(
@@ -116,8 +124,14 @@ def gather(workspace: Workspace, stage: str, *, region: Region | None, named: bo
     )
 
 
-def labelled(workspace: Workspace) -> tuple[LabelSource, dict[str, Ints], dict[str, str]]:
+def labelled(
+    workspace: Workspace, segments: Collection[str] = ()
+) -> tuple[LabelSource, dict[str, Ints], dict[str, str]]:
     """The labels of a workspace, the labelled frames of each drive that has some, and why others have none.
+
+    Args:
+        workspace: Where.
+        segments: Which drives; empty takes all.
 
     Raises:
         BadInput: No drive has labels.
@@ -125,7 +139,7 @@ def labelled(workspace: Workspace) -> tuple[LabelSource, dict[str, Ints], dict[s
     source = LABELS[workspace.raw.dataset](Path(workspace.raw.root), workspace.dataset)
     frames: dict[str, Ints] = {}
     left_out: dict[str, str] = {}
-    for segment in workspace.segments:
+    for segment in segments or workspace.segments:
         try:
             frames[segment] = source.frames(segment)
         except BadInput as error:

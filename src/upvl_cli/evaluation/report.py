@@ -23,7 +23,6 @@ class Scope:
     Attributes:
         what: "labels" or "tracks".
         mode: "moving-only" or "all-motion".
-        class_assumed: Whether nobody said that classes do not matter.
         region: The part of the ground that counts; None for all of it.
         settings: The values it was made with.
         segments: The drives.
@@ -37,7 +36,6 @@ class Scope:
 
     what: str
     mode: str
-    class_assumed: bool
     region: Region | None
     settings: EvalParams
     segments: tuple[str, ...]
@@ -50,19 +48,38 @@ class Scope:
 
 
 @dataclass(frozen=True)
+class NamedScore:
+    """Average precision (level 2) of what has the right name.
+
+    Attributes:
+        iou: Least 3D IoU of a match.
+        vehicle: Of vehicles.
+        vru: Of walkers and riders together.
+        mean: The mean of both.
+    """
+
+    iou: float
+    vehicle: float
+    vru: float
+    mean: float
+
+
+@dataclass(frozen=True)
 class Report:
     """One evaluation.
 
     Attributes:
         scope: What was scored.
         detection: Average precision; none for tracks.
+        named: Average precision by name, where it was asked for.
         diagnosis: Errors of the boxes; None for tracks.
         tracking: CLEAR-MOT; none for labels.
-        flow: Errors of the flow; None for tracks, and where the truth is not known.
+        flow: Errors of the flow, beside labels; None where the truth is not known.
     """
 
     scope: Scope
     detection: Sequence[DetectionScore] = ()
+    named: Sequence[NamedScore] = ()
     diagnosis: Diagnosis | None = None
     tracking: Sequence[TrackScore] = ()
     flow: FlowScore | None = None
@@ -98,6 +115,8 @@ def shown(report: Report) -> Iterator[str | Table]:
 def _tables(report: Report) -> Iterator[Table]:
     if report.detection:
         yield _detection(report.detection)
+    if report.named:
+        yield _named(report.named)
     if report.diagnosis:
         yield from _diagnosis(report.diagnosis)
     if report.tracking:
@@ -107,8 +126,6 @@ def _tables(report: Report) -> Iterator[Table]:
 
 
 def _scope(scope: Scope) -> Iterator[str]:
-    if scope.class_assumed:
-        yield "auto labels have no class yet: scored whatever their class; to say so: upvl eval --class-agnostic"
     area = scope.region
     region = [f"{area.length_m:g} x {area.width_m:g} m around the car"] if area else []
     yield ", ".join([scope.what, scope.mode, "class-agnostic", *region])
@@ -129,6 +146,14 @@ def _detection(scores: Sequence[DetectionScore]) -> Table:
         values = (*score.ap, *score.aph, score.precision, score.recall)
         name = f"AP@{score.iou:g}  {score.objects}"
         table.add_row(name, str(score.labels[1]), *map(_number, values))
+    return table
+
+
+def _named(scores: Sequence[NamedScore]) -> Table:
+    table = _table("by name, level 2", "vehicles", "VRU", "mAP")
+    table.caption = "VRU: walkers and riders"
+    for score in scores:
+        table.add_row(f"AP@{score.iou:g}", *map(_number, (score.vehicle, score.vru, score.mean)))
     return table
 
 

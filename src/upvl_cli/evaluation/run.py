@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,8 +17,8 @@ from upvl_cli.evaluation.flow_score import flow_score
 from upvl_cli.evaluation.gather import Material, gather
 from upvl_cli.evaluation.params import EvalParams
 from upvl_cli.evaluation.region import Region
-from upvl_cli.evaluation.report import Report, Scope, as_json, shown
-from upvl_cli.evaluation.score import detection_scores, diagnosis, track_scores
+from upvl_cli.evaluation.report import NamedScore, Report, Scope, as_json, shown
+from upvl_cli.evaluation.score import detection_scores, diagnosis, named_scores, track_scores
 from upvl_cli.settings import load
 from upvl_cli.tables import whole
 from upvl_cli.workspace import Workspace, write_if_changed
@@ -33,9 +33,10 @@ def evaluate(
     workspace: Workspace,
     what: str,
     moving_only: bool,
-    class_agnostic: bool | None,
+    class_agnostic: bool,
     region: str | None,
     overrides: Mapping[str, Any],
+    segments: Collection[str] = (),
 ) -> Report:
     """Score the auto labels or the detections of a workspace against its labels.
 
@@ -43,9 +44,10 @@ def evaluate(
         workspace: Where.
         what: A key of `STAGE_OF`.
         moving_only: Whether only labels that move are asked for.
-        class_agnostic: Whether any object is right, whatever its class; None where nothing was said.
+        class_agnostic: Whether any object is right, whatever its class; else average precision by name is told too.
         region: Length x width (m) around the car, such as `100x40`; None takes all.
         overrides: Values that replace those of `eval.toml`.
+        segments: Which drives; empty takes all.
 
     Raises:
         BadInput: No drive has labels, or a file of labels is damaged.
@@ -54,23 +56,33 @@ def evaluate(
     """
     if what not in STAGE_OF:
         raise BadSetting(f"--what {what!r}: expected one of {', '.join(STAGE_OF)}")
-    if class_agnostic is False:
+    if what == "tracks" and not class_agnostic:
         raise BadSetting(
-            "auto labels have no class yet, so none can be right; run: upvl eval --class-agnostic"
+            "tracks are scored whatever their class; run: upvl eval --what tracks --class-agnostic"
         )
+    for segment in segments:
+        workspace.check_name(segment, workspace.segments)
     settings = load(EvalParams, workspace.stages / "eval.toml", overrides)
     area = Region.parse(region) if region else None
-    material = gather(workspace, STAGE_OF[what], region=area).without_classes()
+    by_class = gather(workspace, STAGE_OF[what], region=area, named=not class_agnostic, segments=segments)
+    material = by_class.without_classes()
     mode = "moving-only" if moving_only else "all-motion"
-    scope = _scope(what, mode, material, settings, area, class_assumed=class_agnostic is None)
+    scope = _scope(what, mode, material, settings, area)
     if what == "tracks":
         return Report(scope, tracking=track_scores(material, settings, moving_only=moving_only))
     return Report(
         scope,
         detection=detection_scores(material, settings, moving_only=moving_only),
         diagnosis=diagnosis(material, settings, moving_only=moving_only),
-        flow=flow_score(workspace, settings),
+        named=[] if class_agnostic else _named(by_class, settings, moving_only),
+        flow=flow_score(workspace, settings, segments) if what == "labels" else None,
     )
+
+
+def _named(material: Material, settings: EvalParams, moving_only: bool) -> list[NamedScore]:
+    """Average precision by name at each IoU."""
+    moving_mps = settings.moving_mps if moving_only else None
+    return [NamedScore(iou, *named_scores(material, iou=iou, moving_mps=moving_mps)) for iou in settings.iou]
 
 
 def write(workspace: Workspace, report: Report) -> Iterator[Path]:
@@ -121,14 +133,11 @@ def _scope(
     material: Material,
     settings: EvalParams,
     region: Region | None,
-    *,
-    class_assumed: bool,
 ) -> Scope:
     unknown = np.isnan(material.labels.velocity_mps).any(axis=1)
     return Scope(
         what=what,
         mode=mode,
-        class_assumed=class_assumed,
         region=region,
         settings=settings,
         segments=material.segments,
