@@ -35,7 +35,10 @@ def main() -> None:
     parser.add_argument("--frames", type=int, nargs="+", default=[5, 20, 35])
     options = parser.parse_args()
     params = load(ExtractVlParams, STAGES / "extract-vl.toml")
-    limits = {name: getattr(params, name) for name in ("border_px", "gap_deg", "closer_m", "closer_share", "glass_m")}
+    limits = {
+        name: getattr(params, name)
+        for name in ("border_px", "gap_deg", "closer_m", "closer_share", "glass_m")
+    }
     settings = load(CityParams, STAGES / "synthetic.toml")
     drive = CityDrive(name="views", seed=(options.seed, 1, 0), without=(), settings=settings)
     table = np.zeros((2, 2), dtype=np.int64)  # truly hidden or not, called occluded or not

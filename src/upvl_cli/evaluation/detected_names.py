@@ -1,27 +1,36 @@
-"""The types of detections, by the words of the stage `name` and the features that the detector says."""
+"""The types of detections, by the words of the stage `name` and the features that the detector says.
+
+A detector that says none takes those of the pictures, as the paper's baseline without distillation does.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
 from upvl_cli.algorithms.naming import Votes
+from upvl_cli.algorithms.views import SEEN
 from upvl_cli.stages import BY_NAME
 from upvl_cli.tables import Table
 from upvl_cli.types import Ints
 from upvl_cli.workspace import WHOLE, Workspace
 
 
-def types_of(workspace: Workspace, rows: Table) -> dict[int, Ints]:
+def types_of(workspace: Workspace, segment: str, rows: Table) -> dict[int, Ints]:
     """(b,) the type of each box of each frame: points vote, all those of a track together.
 
     Args:
         workspace: Where.
-        rows: Rows of `detect` of one drive.
+        segment: The drive.
+        rows: Its rows of `detect`.
     """
     (fitted,) = Table(workspace.shard("pca", WHOLE), BY_NAME["pca"].row)
     kinds, words = workspace.settings(BY_NAME["name"]).words
     directions = workspace.model.embed_text(words)
     votes = Votes(np.array(kinds), lambda feature: fitted.basis.cosines(feature, directions))
+    (trained,) = Table(workspace.shard("train", WHOLE), BY_NAME["train"].row)
+    pictures = (
+        None if trained.distils else Table(workspace.shard("extract-vl", segment), BY_NAME["extract-vl"].row)
+    )
     number: dict[int, Ints] = {}
     alone = 0
     for row in rows:
@@ -30,5 +39,10 @@ def types_of(workspace: Workspace, rows: Table) -> dict[int, Ints]:
         own = -2 - alone - np.arange(len(row.track_id))
         alone += len(row.track_id)
         number[row.frame] = np.where(of_none, own, row.track_id)
-        votes.add_features(number[row.frame], row.of_box, row.feature)
+        if pictures is None:
+            votes.add_features(number[row.frame], row.of_box, row.feature)
+        else:
+            of = pictures[row.frame]
+            xyz = workspace.drive(segment).points(row.frame).xyz_ego_m[of.state == SEEN]
+            votes.add(row.seven, number[row.frame], xyz, of.feature)
     return {frame: votes.of(of_frame)[0] for frame, of_frame in number.items()}

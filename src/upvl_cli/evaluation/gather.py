@@ -211,7 +211,7 @@ def _types_of(
     if not named:
         return [np.zeros(len(row.seven), np.int8) for row in chosen]
     if stage == DETECTIONS:
-        of_frame = types_of(workspace, rows)
+        of_frame = types_of(workspace, segment, rows)
         return [of_frame[row.frame] for row in chosen]
     names = checked_table(workspace, NAMES, segment)
     return [_types(row, names[row.frame]) for row in chosen]

@@ -1,0 +1,140 @@
+"""What a detector learns from auto labels of the built-in city: python bench/detector_city.py [--keep FOLDER].
+
+Labels drives of train and of val in all motion states, learns from those of train alone, and scores labels and
+detections of val against the truth, 100 x 40 m around the car, level 2, in percent: with distillation and without
+(then words come from the pictures), for each seed. Then asks val for kinds by words, fire truck and tram among
+them, which no drive of train has.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from upvl_cli.datasets.label_sources import LABELS
+from upvl_cli.evaluation.gather import gather
+from upvl_cli.evaluation.params import EvalParams
+from upvl_cli.evaluation.region import Region
+from upvl_cli.evaluation.score import detection_scores, named_scores
+from upvl_cli.geometry.iou import iou_bev
+from upvl_cli.querying.classes import of_phrases
+from upvl_cli.querying.find import Filters, find
+from upvl_cli.querying.question import question
+from upvl_cli.querying.run import params
+from upvl_cli.querying.store import store
+from upvl_cli.settings import load
+from upvl_cli.workspace import Workspace
+from workspaces import on_city
+
+AROUND = Region(100.0, 40.0)
+ASKED = ("vehicle", "car", "person", "bus", "truck", "fire truck", "tram")
+FOUND_IOU = 0.1  # a hit that overlaps less is another thing
+
+
+def main() -> None:
+    """Make, learn, score, print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--keep", type=Path)
+    parser.add_argument("--train", type=int, default=10)
+    parser.add_argument("--val", type=int, default=2)
+    parser.add_argument("--frames", type=int, default=16)
+    parser.add_argument("--steps", type=int, default=1200)
+    parser.add_argument("--seeds", type=int, default=1)
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = on_city(
+            options.keep or Path(scratch), frames=options.frames, train=options.train, val=options.val
+        )
+        _upvl(folder, "autolabel", "--all-motion")
+        print(f"{'':28} AP@0.4  AP@0.5  moving@0.4  mAP@0.4 by name (vehicles, VRU)")
+        _scored(folder, "auto labels", "nms")
+        for seed in range(options.seeds):
+            for distil in (0.0, 1.0):
+                _learn(folder, options.steps, distil, seed)
+                _scored(folder, f"detector, distil {distil:g}, seed {seed}", "detect")
+        for on in ("labels", "detections"):
+            _asked(folder, on)
+
+
+def _upvl(folder: Path, *arguments: str) -> None:
+    command = [Path(sys.executable).with_name("upvl"), *arguments]
+    subprocess.run(command, cwd=folder, check=True, stdout=subprocess.DEVNULL)
+
+
+def _learn(folder: Path, steps: int, distil: float, seed: int) -> None:
+    preset = folder / "stages" / "presets" / "bench"
+    preset.mkdir(exist_ok=True)
+    (preset / "train.toml").write_text(
+        f'drives = ["train-*"]\nsteps = {steps}\ncheck_steps = {max(steps // 6, 1)}\n'
+        f"distil = {distil}\nseed = {seed}\n"
+    )
+    _upvl(folder, "train", "--preset", "bench")
+    _upvl(folder, "detect")
+
+
+def _val(folder: Path) -> tuple[Workspace, list[str]]:
+    workspace = Workspace(folder / "stages", folder / "out")
+    return workspace, [name for name in workspace.segments if name.startswith("val")]
+
+
+def _scored(folder: Path, name: str, stage: str) -> None:
+    workspace, val = _val(folder)
+    settings = replace(
+        load(EvalParams, workspace.stages / "eval.toml"), iou=(0.4, 0.5), range_edges_m=(30.0,)
+    )
+    named = gather(workspace, stage, region=AROUND, named=True, segments=val)
+    agnostic = named.without_classes()
+    whole = [
+        of.ap[1] for of in detection_scores(agnostic, settings, moving_only=False) if of.objects == "all"
+    ]
+    moving = detection_scores(agnostic, settings, moving_only=True)[0].ap[1]
+    vehicles, vru, mean = named_scores(named, iou=0.4, moving_mps=None)
+    figures = [100 * value for value in (*whole, moving, mean, vehicles, vru)]
+    print("{:28} {:6.1f}  {:6.1f}  {:10.1f}  {:7.1f} ({:.1f}, {:.1f})".format(name, *figures), flush=True)
+
+
+def _asked(folder: Path, on: str) -> None:
+    """Print, for each phrase, how many things of that kind its hits find, and how many hits are on nothing of it."""
+    workspace, val = _val(folder)
+    settings = params(workspace, {})
+    source = LABELS[workspace.raw.dataset](Path(workspace.raw.root), workspace.dataset)
+    labels = {name: source.labels(name) for name in val}
+    print(f"asked of {on}: boxes of the kind with 6 points or more found, and hits that are on another thing")
+    for phrase in ASKED:
+        asked = question(workspace, of_phrases([phrase]), same=settings.same, anyway=False)
+        hits = find(store(workspace, on), asked, Filters(segments=val), threshold=settings.threshold).hits
+        wanted = found = right = 0
+        for name in val:
+            truth = labels[name]
+            is_kind = _is(phrase, truth) & (truth.points >= 6) & AROUND.holds(truth.seven[:, :3])
+            for frame in np.unique(truth.frame):
+                of = truth.seven[is_kind & (truth.frame == frame)]
+                boxes = hits.seven[(hits.segment == name) & (hits.frame == frame)].astype(np.float64)
+                overlap = iou_bev(of, boxes) > FOUND_IOU
+                wanted += len(of)
+                found += int(overlap.any(axis=1).sum())
+                right += int(overlap.any(axis=0).sum())
+        print(
+            f"  {phrase:12} {found:5} of {wanted:5} found; {len(hits) - right:5} of {len(hits):5} hits false"
+        )
+
+
+def _is(phrase: str, truth) -> np.ndarray:
+    """(n,) which labels the phrase is right for."""
+    by_type = {"vehicle": (1,), "person": (2,)}
+    if phrase in by_type:
+        return np.isin(truth.type, by_type[phrase])
+    kinds = {"car": ("sedan", "hatchback", "suv", "taxi", "police car")}.get(phrase)
+    if kinds:
+        return np.isin(truth.kind, kinds)
+    return np.array([phrase in kind for kind in truth.kind], dtype=np.bool_)
+
+
+if __name__ == "__main__":
+    main()
