@@ -10,7 +10,7 @@ import pytest
 
 from command import fails, make_workspace, set_value, upvl
 from upvl_cli.algorithms.views import NO_VIEW, SEEN
-from upvl_cli.stages import BY_NAME, STAGES
+from upvl_cli.stages import BY_NAME, LABELLING
 from upvl_cli.tables import Table
 from upvl_cli.workspace import WHOLE, Workspace
 
@@ -55,8 +55,8 @@ def test_the_mode_is_remembered_and_left_again(labelled: Path, tmp_path: Path) -
     done = upvl(folder, "autolabel", "--moving-only")
     assert done.returncode == 0
     assert (folder / "out" / "preset").read_text() == "moving-only\n"
-    stale = [line for line in upvl(folder, "status").stdout.splitlines()[1:] if line.split()[1] != "1"]
-    assert not stale
+    lines = [line.split() for line in upvl(folder, "status").stdout.splitlines()[1:]]
+    assert {line[0] for line in lines if line[1] == "1"} == {stage.name for stage in LABELLING}
     moving = sum(len(row.seven) for row in table(folder, "nms"))
     assert moving < sum(len(row.seven) for row in table(labelled, "nms"))
     made = upvl(folder, "autolabel", "--all-motion").stdout
@@ -114,6 +114,6 @@ def test_each_label_has_one_kind_in_all_frames(labelled: Path) -> None:
 
 
 def test_stages_that_are_made_once_have_one_shard(labelled: Path) -> None:
-    for stage in STAGES:
+    for stage in LABELLING:
         if stage.whole:
             assert [path.stem for path in (labelled / "out" / stage.name).glob("*.parquet")] == [WHOLE]

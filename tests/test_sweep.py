@@ -153,7 +153,7 @@ def test_what_a_kill_left_behind_is_never_written_into(base: Workspace, name: st
     mine = workspace.shard("nms", segment)
     mine.parent.mkdir(parents=True)
     mine.with_name(name.format(mine.name)).hardlink_to(shard)
-    assert made(base, workspace) == ["nms", "name"]
+    assert made(base, workspace) == ["nms", "name", "describe"]
     assert shard.read_bytes() == content and not mine.samefile(shard)
     made(base, preset(base, "bold", nms=""))
     assert mine.samefile(shard)
