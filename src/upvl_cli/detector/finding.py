@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from upvl_cli.detector.batch import FEATURE, collate
+from upvl_cli.detector.batch import FEATURE, Sample, collate
 from upvl_cli.detector.decode import detections
 from upvl_cli.detector.model import Detector
-from upvl_cli.detector.sweeps import unlabelled
 from upvl_cli.geometry.boxes import pairs_inside
 from upvl_cli.types import Array, Floats, Ints
 
@@ -49,7 +48,7 @@ def find(
         nms_iou: Of two boxes that overlap more, seen from above, the worse goes.
     """
     device = next(detector.parameters()).device
-    batch = collate([unlabelled(points)], detector.grid).to(device)
+    batch = collate([Sample.of_points(points)], detector.grid).to(device)
     with torch.autocast(device.type, torch.bfloat16, enabled=device.type == "cuda"):
         output = detector(batch)
     (boxes,) = detections(detector, output, min_score=min_score, max_boxes=max_boxes, nms_iou=nms_iou)

@@ -115,9 +115,3 @@ def scene(points: Array, seen: Ints, codes: Ints, boxes: Floats, velocity_mps: F
     code_of = np.full(len(points), -1, dtype=np.int32)
     code_of[seen] = np.arange(len(seen))
     return Scene(points, code_of, codes, boxes, velocity_mps)
-
-
-def unlabelled(points: Array) -> Sample:
-    """Return a sample to detect in."""
-    count = len(points)
-    return Sample(points, np.zeros((0, 7)), np.zeros((count, FEATURE), np.float32), np.zeros(count, np.bool_))
