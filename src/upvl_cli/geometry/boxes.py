@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from upvl_cli.errors import BadInput
 from upvl_cli.geometry.se3 import apply, wrap_angle, yaw_of
 from upvl_cli.types import Array, Bools, Ints
 
+_FEW = 4  # boxes for which sorting all points does not pay
 # Front left, rear left, rear right, front right: counter-clockwise, in half lengths and half widths.
 _CORNER_SIGNS = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
 
@@ -60,7 +63,8 @@ def corners(boxes: Array) -> Array:
 def pairs_inside(xyz: Array, boxes: Array, *, margin_m: float) -> tuple[Ints, Ints]:
     """Return which points lie in which boxes, as (box, point) numbers in ascending order.
 
-    Memory grows with the hits only: points are sorted by x once, and each box looks at its own strip.
+    Memory grows with the hits only: each box looks at its own strip of x, for which points are sorted once where
+    boxes are many.
 
     Args:
         xyz: (m, 3) points in the axes of the boxes; a point that is not finite lies nowhere.
@@ -68,24 +72,32 @@ def pairs_inside(xyz: Array, boxes: Array, *, margin_m: float) -> tuple[Ints, In
         margin_m: The boxes grow by this on every side; negative shrinks them.
     """
     boxes, xyz = checked(boxes), np.asarray(xyz, dtype=np.float64).reshape(-1, 3)
-    order = np.argsort(xyz[:, 0], kind="stable")
-    x, y, z = np.ascontiguousarray(xyz[order].T)
     cos, sin = np.cos(boxes[:, 6]), np.sin(boxes[:, 6])
     half = boxes[:, 3:6] / 2 + margin_m
     reach = np.abs(cos) * half[:, 0] + np.abs(sin) * half[:, 1] + 1e-6  # spare room for rounding
-    first = np.searchsorted(x, boxes[:, 0] - reach, side="left")
-    last = np.searchsorted(x, boxes[:, 0] + reach, side="right")
     hits = []
-    for i, (cx, cy, cz) in enumerate(boxes[:, :3]):
-        strip = slice(first[i], last[i])
-        dx, dy = x[strip] - cx, y[strip] - cy
+    for i, strip in enumerate(_strips(xyz[:, 0], boxes[:, 0], reach)):
+        dx, dy, dz = (xyz[strip] - boxes[i, :3]).T
         inside = np.abs(dx * cos[i] + dy * sin[i]) <= half[i, 0]
         inside &= np.abs(dy * cos[i] - dx * sin[i]) <= half[i, 1]
-        inside &= np.abs(z[strip] - cz) <= half[i, 2]
-        hits.append(np.sort(order[strip][inside]))
+        inside &= np.abs(dz) <= half[i, 2]
+        hits.append(np.sort(strip[inside]))
     if not hits:
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
     return np.repeat(np.arange(len(boxes)), [len(hit) for hit in hits]), np.concatenate(hits)
+
+
+def _strips(x: Array, middle: Array, reach: Array) -> Iterator[Ints]:
+    """The points whose x is no farther than its reach from the middle of each box."""
+    if len(middle) <= _FEW:
+        for centre, far in zip(middle, reach, strict=True):
+            yield np.flatnonzero(np.abs(x - centre) <= far)
+        return
+    order = np.argsort(x, kind="stable")
+    first = np.searchsorted(x[order], middle - reach, side="left")
+    last = np.searchsorted(x[order], middle + reach, side="right")
+    for start, end in zip(first, last, strict=True):
+        yield order[start:end]
 
 
 def points_inside(xyz: Array, boxes: Array, *, margin_m: float) -> Bools:
