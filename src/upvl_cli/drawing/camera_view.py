@@ -15,6 +15,7 @@ EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4),
 FRONT = (0, 3, 7, 4)
 MIN_DEPTH_M = 0.5  # an edge that comes closer to the lens would cross the whole picture
 PIECES = 8  # a lens bends an edge: it is drawn in pieces
+FAR_PX = 10_000  # what appears so far aside is left out: lines are drawn pixel by pixel, seen or not
 MIN_WIDTH_PX = 1200  # smaller pictures are enlarged, so that lines and ids can be read
 
 
@@ -43,7 +44,7 @@ def _box(
     for start, end in EDGES:
         share = np.linspace(0.0, 1.0, PIECES)[:, None]
         pixels, depth_m, _ = project(camera, points[start] * (1 - share) + points[end] * share)
-        seen = (depth_m > MIN_DEPTH_M) & np.isfinite(pixels).all(axis=1)
+        seen = (depth_m > MIN_DEPTH_M) & (np.abs(pixels) < FAR_PX).all(axis=1)  # and finite
         if seen.sum() < 2:
             continue
         line = [(float(column), float(row)) for column, row in (pixels[seen] + 0.5) * scale]
