@@ -23,8 +23,7 @@ pipeline: labels detect
 	@$(UPVL) summary
 	@echo "pictures:"
 	@$(UPVL) draw
-	@echo "what the detector finds for 'car', by LiDAR alone:"
-	@$(UPVL) query car
+	@$(UPVL) query car --on labels
 
 .PHONY: clean
 clean:

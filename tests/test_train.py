@@ -132,6 +132,7 @@ def test_detections_are_scored_and_named(trained: Path) -> None:
     assert set(np.unique(material.predictions.type)) <= {0, 1, 2, 4}
 
 
+@pytest.mark.slow
 def test_other_drives_and_batches_than_there_are(labelled: Path, tmp_path: Path) -> None:
     folder = copied(labelled, tmp_path)
     set_value(folder, "train", "drives", '["val-*"]')
@@ -174,6 +175,7 @@ def test_two_processes_write_one_shard_with_the_same_curve(
         np.testing.assert_allclose(getattr(two, name), getattr(one, name), rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_a_preset_of_training_stands_beside_that_of_the_labels(labelled: Path, tmp_path: Path) -> None:
     folder = copied(labelled, tmp_path)
     (folder / "stages" / "presets" / "moving-only" / "mask.toml").write_text("min_speed_mps = 1.0\n")

@@ -39,7 +39,9 @@ def test_corners_of_a_box_that_looks_left() -> None:
 def test_points_inside_equal_the_slow_way(margin_m: float) -> None:
     boxes, xyz = random_boxes(30), np.random.default_rng(1).normal(0, 8, (5000, 3)).astype(np.float32)
     inside = points_inside(xyz, boxes, margin_m=margin_m)
-    np.testing.assert_array_equal(points_inside(xyz, boxes[:3], margin_m=margin_m), inside[:3])  # without a sort
+    np.testing.assert_array_equal(
+        points_inside(xyz, boxes[:3], margin_m=margin_m), inside[:3]
+    )  # without a sort
     np.testing.assert_array_equal(inside, slow_inside(xyz, boxes, margin_m))
     assert inside.any(axis=1).mean() > 0.5
 
