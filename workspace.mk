@@ -23,7 +23,7 @@ pipeline: labels detect
 	@$(UPVL) summary
 	@echo "pictures:"
 	@$(UPVL) draw
-	@$(UPVL) query car --on labels
+	@$(UPVL) query car --on labels || true  # drives without pictures have no features to ask: it says so
 
 .PHONY: clean
 clean:
