@@ -28,10 +28,11 @@ def street(seed: int, boxes: np.ndarray = BOXES, grid: Grid = SMALL) -> Sample:
     older = rng.uniform(size=len(xyz)) < 0.5
     rest = np.column_stack([rng.uniform(size=(len(xyz), 2)), np.where(older, -0.1, 0)])
     inside = points_inside(xyz, boxes, margin_m=0.02)
-    feature = np.zeros((len(xyz), FEATURE), dtype=np.float32)
-    feature[:, : len(boxes)] = inside.T
+    seen = np.flatnonzero(inside.any(axis=0) & ~older)
+    feature = np.zeros((len(seen), FEATURE), dtype=np.float32)
+    feature[:, : len(boxes)] = inside.T[seen]
     points = np.column_stack([xyz, rest]).astype(np.float32)
-    return Sample(points, boxes, feature, inside.any(axis=0) & ~older)
+    return Sample(points, boxes, seen, feature)
 
 
 def _sides(box: np.ndarray, rng: np.random.Generator) -> np.ndarray:

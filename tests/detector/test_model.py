@@ -107,12 +107,7 @@ def test_a_batch_gives_what_its_samples_give_alone(encoder: str) -> None:
 def test_the_order_of_points_does_not_matter(encoder: str) -> None:
     detector, sample = network(encoder), street(1)
     order = np.random.default_rng(0).permutation(len(sample.points))
-    shuffled = replace(
-        sample,
-        points=sample.points[order],
-        feature=sample.feature[order],
-        has_feature=sample.has_feature[order],
-    )
+    shuffled = replace(sample, points=sample.points[order])
     found, again = boxes_of(detector, [sample], 0.0)[0], boxes_of(detector, [shuffled], 0.0)[0]
     assert len(found.score) > 5
     np.testing.assert_allclose(found.seven, again.seven, atol=1e-3)
@@ -176,12 +171,11 @@ def test_bf16_says_nearly_the_same() -> None:
 def test_only_points_and_boxes_in_the_grid_count() -> None:
     far = np.array([[12.9, 0, 0, 0, 0, 0], [0, 0, 9, 0, 0, 0], [np.nan, 0, 0, 0, 0, 0]], dtype=np.float32)
     sample = street(1)
-    seen = np.concatenate([sample.has_feature, [True, True, False]])
     more = Sample(
-        np.concatenate([sample.points, far]),
+        np.concatenate([far, sample.points]),
         np.concatenate([BOXES, BOXES[:1] + [20, 0, 0, 0, 0, 0, 0]]),
-        np.concatenate([sample.feature, np.ones((3, FEATURE), dtype=np.float32)]),
-        seen,
+        np.concatenate([[0, 1], sample.seen + 3]),
+        np.concatenate([np.ones((2, FEATURE), dtype=np.float32), sample.feature]),
     )
     batch, expected = collate([more], SMALL), collate([sample], SMALL)
     assert torch.equal(batch.points, expected.points)

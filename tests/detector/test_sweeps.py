@@ -56,11 +56,24 @@ def test_features_stay_with_their_points() -> None:
     points = here.points(1, lambda frame: sweep(frame)[0])
     seen = np.arange(0, len(sweep(1)[0]), 7)
     codes = np.repeat((np.arange(len(seen)) % 100).astype(np.int8)[:, None], 64, axis=1)
-    sample = scene(points, seen, codes, np.zeros((0, 7)), np.zeros((0, 3))).sample(GRID, lambda c: c * 0.5)
+    sample = scene(points, seen, codes, np.zeros((0, 7)), np.zeros((0, 3))).sample(
+        GRID, lambda c: c * 0.5, np.random.default_rng(0)
+    )
     assert GRID.holds(sample.points).all()
-    assert (sample.points[sample.has_feature, 5] == 0).all()
+    assert (sample.points[sample.seen, 5] == 0).all()
     inside = GRID.holds(points)
     expected = np.zeros(len(points))
     expected[seen] = codes[:, 0] * 0.5
-    np.testing.assert_array_equal(sample.feature[:, 3], expected[inside])
-    assert sample.has_feature.sum() == inside[seen].sum() > 100
+    np.testing.assert_array_equal(sample.feature[:, 3], expected[inside][sample.seen])
+    assert len(sample.seen) == inside[seen].sum() > 100
+
+
+def test_features_are_learned_from_a_sample_of_the_points() -> None:
+    points = np.zeros((20_000, 6), dtype=np.float32)
+    points[:, 0] = np.linspace(-5, 5, len(points))
+    codes = np.repeat((np.arange(len(points)) % 100).astype(np.int8)[:, None], 64, axis=1)
+    whole = scene(points, np.arange(len(points)), codes, np.zeros((0, 7)), np.zeros((0, 3)))
+    one, other = (whole.sample(GRID, lambda c: c * 1.0, np.random.default_rng(seed)) for seed in (0, 1))
+    assert len(one.seen) == len(np.unique(one.seen)) == 8192
+    assert (one.seen != other.seen).any()
+    np.testing.assert_array_equal(one.feature[:, 0], one.seen % 100)

@@ -16,11 +16,11 @@ from upvl_cli.detector.batch import Sample
 from upvl_cli.detector.checkpoint import State, keep, packed, resume
 from upvl_cli.detector.loss import Space
 from upvl_cli.detector.model import Detector
-from upvl_cli.detector.sampler import items
+from upvl_cli.detector.sampler import item
 from upvl_cli.detector.together import Team
 from upvl_cli.detector.training import Lesson, Plan, learn
 
-PLAN = Plan(steps=6, batch=2, rate=0.01, distil=1.0, check_steps=2, rounds=1, trust=0.0, seed=3)
+PLAN = Plan(steps=6, batch=2, rate=0.01, distil=1.0, check_steps=2, rounds=1, trust=0.0, seed=3, half=False)
 ALONE = Team(0, 1, torch.device("cpu"))
 
 
@@ -35,7 +35,8 @@ class Streets:
     def plain(self, number: int) -> Sample:
         return street(number)
 
-    def changed(self, number: int, step: int, place: int, found: Mapping[int, np.ndarray]) -> Sample:
+    def changed(self, at: int, found: Mapping[int, np.ndarray]) -> Sample:
+        number = item(at, self.train, PLAN.seed)
         self.found += [number] * (number in found)
         return street(number)
 
@@ -100,11 +101,13 @@ def test_a_second_round_learns_from_what_the_first_found() -> None:
 
 
 def test_each_frame_comes_once_a_turn_in_an_order_of_the_seed() -> None:
-    turn = [number for step in range(5) for number in items(step, 2, 10, seed=1)]
-    assert sorted(turn) == list(range(10))
-    assert items(7, 2, 10, seed=1) == items(7, 2, 10, seed=1)
-    assert turn != [number for step in range(5) for number in items(step, 2, 10, seed=2)]
-    assert turn != [number for step in range(5, 10) for number in items(step, 2, 10, seed=1)]
+    def turn(number: int, seed: int) -> list[int]:
+        return [item(at, 10, seed) for at in range(10 * number, 10 * number + 10)]
+
+    assert sorted(turn(0, 1)) == list(range(10))
+    assert turn(1, 1) == turn(1, 1)
+    assert turn(0, 1) != turn(0, 2)
+    assert turn(0, 1) != turn(1, 1)
 
 
 TOGETHER = """

@@ -8,7 +8,7 @@ from upvl_cli.detector.sweeps import Scene
 from upvl_cli.geometry.boxes import points_inside
 from upvl_cli.geometry.iou import iou_bev
 from upvl_cli.geometry.se3 import wrap_angle
-from upvl_cli.types import Array, Bools, Floats
+from upvl_cli.types import Array, Floats, Ints
 
 # Those of SECOND (Yan et al., Sensors 2018) and of the detectors after it.
 _TURN_RAD = np.pi / 4
@@ -59,13 +59,18 @@ def pasted(scene: Scene, donor: Scene, chosen: Array) -> Scene:
     """
     boxes = scene.boxes
     taken: list[int] = []
+    points: list[Ints] = []
     for number in chosen.tolist():
-        if not iou_bev(donor.boxes[number : number + 1], boxes).any() and _held(donor, number).any():
+        if iou_bev(donor.boxes[number : number + 1], boxes).any():
+            continue
+        held = _held(donor, number)
+        if len(held):
             taken.append(number)
+            points.append(held)
             boxes = np.concatenate([boxes, donor.boxes[number : number + 1]])
     if not taken:
         return scene
-    new = np.logical_or.reduce([_held(donor, number) for number in taken])
+    new = np.unique(np.concatenate(points))
     room = ~points_inside(scene.points[:, :3], donor.boxes[taken], margin_m=0.0).any(axis=0)
     code_of = donor.code_of[new]
     code_of = np.where(code_of >= 0, code_of + len(scene.codes), -1)
@@ -78,10 +83,15 @@ def pasted(scene: Scene, donor: Scene, chosen: Array) -> Scene:
     )
 
 
-def _held(scene: Scene, number: int) -> Bools:
-    """Return (n,), which points a box holds, each sweep's at the place that the box had at its time."""
+def _held(scene: Scene, number: int) -> Ints:
+    """Return which points a box holds, each sweep's at the place that the box had at its time."""
     box: Floats = scene.boxes[number]
-    time_s = scene.points[:, 5]
+    velocity_mps = scene.velocity_mps[number]
+    reach = np.hypot(box[3], box[4]) / 2 - np.hypot(*velocity_mps[:2]) * scene.points[:, 5].min(initial=0)
+    near = np.flatnonzero(
+        (np.abs(scene.points[:, 0] - box[0]) <= reach) & (np.abs(scene.points[:, 1] - box[1]) <= reach)
+    )
+    points = scene.points[near]
     # In the axes of the box as it moves: the points are brought to the time of this sweep.
-    xyz_m = scene.points[:, :3] - time_s[:, None] * scene.velocity_mps[number]
-    return np.asarray(points_inside(xyz_m, box[None], margin_m=0.0)[0])
+    xyz_m = points[:, :3] - points[:, 5:] * velocity_mps
+    return np.asarray(near[points_inside(xyz_m, box[None], margin_m=0.0)[0]])

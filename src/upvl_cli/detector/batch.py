@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from upvl_cli.errors import BadInput
-from upvl_cli.types import Array, Bools
+from upvl_cli.types import Array, Bools, Ints
 
 FEATURE = 64  # values kept of a feature of the vision-language space (UP-VL, Section 4)
 _WHOLE_CELLS = 8  # the network halves its view three times
@@ -66,29 +66,28 @@ class Sample:
         points: (n, 6) float32 x, y, z (m, ego axes of this frame), intensity, elongation and time after this
             sweep in seconds: 0, or less for an older sweep.
         boxes: (m, 7) float64 auto labels; (0, 7) where there are none.
-        feature: (n, 64) float32 kept values of each point's feature; zeros where unknown.
-        has_feature: (n,) whether a camera sees the point; points of this sweep only.
+        seen: (s,) ascending rows of points that a camera sees, as many as are to be learned from; of this
+            sweep only.
+        feature: (s, 64) float32 kept values of their features.
     """
 
     points: Array
     boxes: Array
+    seen: Ints
     feature: Array
-    has_feature: Array
 
     @staticmethod
     def of_points(points: Array) -> Sample:
         """A frame to detect in: nothing is known of it but its (n, 6) points."""
-        none = np.zeros((1, FEATURE), dtype=np.float32)
-        feature = np.broadcast_to(none, (len(points), FEATURE))  # takes no memory
-        return Sample(points, np.zeros((0, 7)), feature, np.zeros(len(points), dtype=np.bool_))
+        none = np.zeros((0, FEATURE), dtype=np.float32)
+        return Sample(points, np.zeros((0, 7)), np.zeros(0, dtype=np.int64), none)
 
     def __post_init__(self) -> None:
-        count = len(self.points)
         for name, values, shape in (
-            ("points", self.points, (count, 6)),
+            ("points", self.points, (len(self.points), 6)),
             ("boxes", self.boxes, (len(self.boxes), 7)),
-            ("feature", self.feature, (count, FEATURE)),
-            ("has_feature", self.has_feature, (count,)),
+            ("seen", self.seen, (len(self.seen),)),
+            ("feature", self.feature, (len(self.seen), FEATURE)),
         ):
             if values.shape != shape:
                 raise BadInput(f"sample: {name} has shape {values.shape}, expected {shape}")
@@ -123,17 +122,33 @@ class Batch:
 
 def collate(samples: Sequence[Sample], grid: Grid) -> Batch:
     """Lay samples side by side; points outside of the grid and boxes with their centre outside are left out."""
-    inside = [grid.holds(sample.points) for sample in samples]
-    pairs = list(zip(samples, inside, strict=True))
-    points = np.concatenate([s.points[held] for s, held in pairs]).astype(np.float32, copy=False)
-    of_sample = np.repeat(np.arange(len(samples)), [int(held.sum()) for held in inside])
-    seen = np.flatnonzero(np.concatenate([s.has_feature[held] for s, held in pairs]))
-    feature = np.concatenate([s.feature[held & s.has_feature] for s, held in pairs])
+    return joined([_alone(sample, grid) for sample in samples])
+
+
+def joined(batches: Sequence[Batch]) -> Batch:
+    """Lay batches side by side."""
+    points = np.cumsum([0, *(len(batch.points) for batch in batches)]).tolist()
+    samples = np.cumsum([0, *(batch.size for batch in batches)]).tolist()
+    return Batch(
+        torch.cat([batch.points for batch in batches]),
+        torch.cat([batch.of_sample + before for batch, before in zip(batches, samples, strict=False)]),
+        samples[-1],
+        [boxes for batch in batches for boxes in batch.boxes],
+        torch.cat([batch.seen + before for batch, before in zip(batches, points, strict=False)]),
+        torch.cat([batch.feature for batch in batches]),
+    )
+
+
+def _alone(sample: Sample, grid: Grid) -> Batch:
+    inside = grid.holds(sample.points)
+    stays = inside[sample.seen]
+    row = np.cumsum(inside) - 1  # where each point that stays comes to lie
+    points = sample.points[inside].astype(np.float32, copy=False)
     return Batch(
         torch.from_numpy(points),
-        torch.from_numpy(of_sample),
-        len(samples),
-        [torch.from_numpy(s.boxes[grid.holds(s.boxes)].astype(np.float64)) for s in samples],
-        torch.from_numpy(seen),
-        torch.from_numpy(feature.astype(np.float32, copy=False)),
+        torch.zeros(len(points), dtype=torch.int64),
+        1,
+        [torch.from_numpy(sample.boxes[grid.holds(sample.boxes)].astype(np.float64))],
+        torch.from_numpy(row[sample.seen[stays]].astype(np.int64, copy=False)),
+        torch.from_numpy(sample.feature[stays].astype(np.float32, copy=False)),
     )

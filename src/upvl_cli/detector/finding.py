@@ -10,6 +10,7 @@ import torch
 from upvl_cli.detector.batch import FEATURE, Sample, collate
 from upvl_cli.detector.decode import detections
 from upvl_cli.detector.model import Detector
+from upvl_cli.detector.together import half_precision
 from upvl_cli.geometry.boxes import pairs_inside
 from upvl_cli.types import Array, Floats, Ints
 
@@ -49,7 +50,7 @@ def find(
     """
     device = next(detector.parameters()).device
     batch = collate([Sample.of_points(points)], detector.grid).to(device)
-    with torch.autocast(device.type, torch.bfloat16, enabled=device.type == "cuda"):
+    with half_precision(device, wanted=True):
         output = detector(batch)
     (boxes,) = detections(detector, output, min_score=min_score, max_boxes=max_boxes, nms_iou=nms_iou)
     kept = batch.points.cpu().numpy()

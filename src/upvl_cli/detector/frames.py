@@ -10,11 +10,13 @@ import numpy as np
 
 from upvl_cli.detector.augment import augmented
 from upvl_cli.detector.batch import Grid, Sample
-from upvl_cli.detector.sampler import chance
+from upvl_cli.detector.sampler import chance, item
 from upvl_cli.detector.sweeps import Route, Scene, scene
+from upvl_cli.parallel import threads
 from upvl_cli.types import Array, Floats, Ints, Points
 
 _OPEN_DRIVES = 16  # each holds a few files open
+_AHEAD = 2  # scenes at hand beside those that threads work on
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,7 @@ class DriveFrames:
             seed: Of all chance.
         """
         self._source = lru_cache(maxsize=_OPEN_DRIVES)(source)
+        self._scene = lru_cache(maxsize=threads() + _AHEAD)(self._made)
         self._grid, self._values, self._paste, self._seed = grid, values, paste, seed
         cut = {drive: length - round(held_out * length) for drive, length in lengths.items()}
         learned = [(drive, place) for drive, end in cut.items() for place in range(end)]
@@ -68,23 +71,27 @@ class DriveFrames:
         self.train, self.held_out = len(learned), len(rest)
 
     def plain(self, number: int) -> Sample:
-        """Give a frame as it is."""
-        return self._scene(number).sample(self._grid, self._values)
+        """Give a frame as it is, with the same points to learn features from each time."""
+        return self._scene(number).sample(self._grid, self._values, chance(number, self._seed))
 
-    def changed(self, number: int, step: int, place: int, found: Mapping[int, Array]) -> Sample:
-        """Give a frame with chance, the same for the same step and place of its batch."""
-        rng = chance(step, place, self._seed)
+    def changed(self, at: int, found: Mapping[int, Array]) -> Sample:
+        """Give the frame at a place of the order, with the chance of that place.
+
+        The objects that are set into it are from the frame after it, which is then at hand for the next place.
+        """
+        rng, number = chance(at, self._seed), item(at, self.train, self._seed)
         here = self._scene(number)
-        more = found.get(number, np.zeros((0, 7)))
-        here = replace(
-            here,
-            boxes=np.concatenate([here.boxes, more]),
-            velocity_mps=np.concatenate([here.velocity_mps, np.zeros((len(more), 3))]),
-        )
-        donor = self._scene(int(rng.integers(self.train))) if self._paste else here
-        return augmented(here, donor, rng, paste=self._paste).sample(self._grid, self._values)
+        if number in found:
+            more = found[number]
+            here = replace(
+                here,
+                boxes=np.concatenate([here.boxes, more]),
+                velocity_mps=np.concatenate([here.velocity_mps, np.zeros((len(more), 3))]),
+            )
+        donor = self._scene(item(at + 1, self.train, self._seed)) if self._paste else here
+        return augmented(here, donor, rng, paste=self._paste).sample(self._grid, self._values, rng)
 
-    def _scene(self, number: int) -> Scene:
+    def _made(self, number: int) -> Scene:
         drive, place = self._places[number]
         source = self._source(drive)
         frame = source.route.frames[place]

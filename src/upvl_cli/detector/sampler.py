@@ -1,4 +1,4 @@
-"""Which frames a step learns from: all of them in a new order each time round, known from seed and step alone."""
+"""Which frames a step learns from: all of them in a new order each time round, known from the seed alone."""
 
 from __future__ import annotations
 
@@ -12,26 +12,22 @@ from upvl_cli.types import Ints
 _ORDER, _CHANCE = 0, 1
 
 
-def items(step: int, batch: int, frames: int, seed: int) -> list[int]:
-    """Return the frames of a step.
+def item(at: int, frames: int, seed: int) -> int:
+    """Return the frame at a place of the endless order.
 
     Args:
-        step: Which, from 0 on.
-        batch: How many frames a step has.
-        frames: How many there are.
+        at: Which place, from 0 on; a step of b frames takes b places.
+        frames: How many frames there are.
         seed: Of the order.
     """
-    first = step * batch
-    return [
-        int(_order(number // frames, frames, seed)[number % frames]) for number in range(first, first + batch)
-    ]
+    return int(_order(at // frames, frames, seed)[at % frames])
 
 
-def chance(step: int, place: int, seed: int) -> np.random.Generator:
-    """Return the random numbers of one place of the batch of a step."""
-    return np.random.default_rng([seed, _CHANCE, step, place])
+def chance(at: int, seed: int) -> np.random.Generator:
+    """Return the random numbers of one place of the order."""
+    return np.random.default_rng([seed, _CHANCE, at])
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=4)
 def _order(turn: int, frames: int, seed: int) -> Ints:
     return np.random.default_rng([seed, _ORDER, turn]).permutation(frames)

@@ -42,13 +42,28 @@ class Targets:
 
 def targets(head: Head, boxes: Sequence[Tensor]) -> Targets:
     """What the places have to say of the (m, 7) boxes of each sample."""
-    each = [head.assign(some.numpy()) for some in boxes]
-    said = [encode(head, head.places[a.place], b.numpy()[a.box]) for a, b in zip(each, boxes, strict=True)]
+    return joined([_alone(head, some.numpy()) for some in boxes])
+
+
+def joined(batches: Sequence[Targets]) -> Targets:
+    """What they have to say of batches side by side."""
+    before = np.cumsum([0, *(len(batch.weight) for batch in batches)]).tolist()
     return Targets(
-        torch.from_numpy(np.stack([a.weight for a in each])),
-        torch.from_numpy(np.repeat(np.arange(len(each)), [len(a.place) for a in each])),
-        torch.from_numpy(np.concatenate([a.place for a in each])),
-        torch.from_numpy(np.concatenate(said).reshape(-1, RESIDUAL).astype(np.float32)),
+        torch.cat([batch.weight for batch in batches]),
+        torch.cat([batch.sample + samples for batch, samples in zip(batches, before, strict=False)]),
+        torch.cat([batch.place for batch in batches]),
+        torch.cat([batch.residual for batch in batches]),
+    )
+
+
+def _alone(head: Head, boxes: Array) -> Targets:
+    given = head.assign(boxes)
+    said = encode(head, head.places[given.place], boxes[given.box])
+    return Targets(
+        torch.from_numpy(given.weight)[None],
+        torch.zeros(len(given.place), dtype=torch.int64),
+        torch.from_numpy(given.place),
+        torch.from_numpy(said.reshape(-1, RESIDUAL).astype(np.float32)),
     )
 
 
@@ -65,11 +80,10 @@ def assign(anchors: Floats, boxes: Array) -> Assigned:
     """
     most, owner = np.zeros(len(anchors)), np.full(len(anchors), -1)
     own = np.full(len(boxes), -1)
-    columns = np.ascontiguousarray(anchors.T)
-    reach = np.hypot(columns[3], columns[4]) / 2
+    places = _Places(anchors)
     for number, box in enumerate(boxes):
-        near, iou = _overlaps(columns, reach, box)
-        own[number] = near[iou.argmax()] if iou.any() else _nearest(columns, box)
+        near, iou = places.overlaps(box)
+        own[number] = near[iou.argmax()] if iou.any() else places.nearest(box)
         better = iou > most[near]
         most[near[better]] = iou[better]
         owner[near[better]] = number
@@ -81,28 +95,61 @@ def assign(anchors: Floats, boxes: Array) -> Assigned:
     return Assigned(weight, place, owner[place])
 
 
-def _overlaps(columns: Floats, reach: Floats, box: Floats) -> tuple[Ints, Floats]:
-    """Anchors near a box and their overlap with it; all that overlap by `NEGATIVE_IOU`, and the best one.
+class _Places:
+    """Anchors, with what tells quickly that they cannot overlap a box by much."""
 
-    Args:
-        columns: (7, k) anchors.
-        reach: (k,) half diagonals, seen from above.
-        box: (7,).
-    """
-    bound = reach + np.hypot(box[3], box[4]) / 2
-    near = np.flatnonzero((np.abs(columns[0] - box[0]) <= bound) & (np.abs(columns[1] - box[1]) <= bound))
-    area, box_area = columns[3, near] * columns[4, near], box[3] * box[4]
-    # Rectangles overlap by no more than the ratio of their areas.
-    alike = near[np.minimum(area, box_area) >= NEGATIVE_IOU * np.maximum(area, box_area)]
-    iou = _iou(columns, alike, box)
-    if (iou >= NEGATIVE_IOU).any():
-        return alike, iou
-    return near, _iou(columns, near, box)
+    def __init__(self, anchors: Floats) -> None:
+        self.anchors = anchors
+        self.x, self.y, _, self.length, self.width, _, heading = np.ascontiguousarray(anchors.T)
+        self.cos, self.sin = np.cos(heading), np.sin(heading)
+        self.radius = np.hypot(self.length, self.width) / 2
+
+    def overlaps(self, box: Floats) -> tuple[Ints, Floats]:
+        """Some anchors, ascending, and their overlap with a (7,) box; the best is there, and all by `NEGATIVE_IOU`."""
+        bound = self.radius + np.hypot(box[3], box[4]) / 2
+        near = np.flatnonzero((np.abs(self.x - box[0]) <= bound) & (np.abs(self.y - box[1]) <= bound))
+        at_most = self._at_most(near, box)
+        least = NEGATIVE_IOU
+        while True:
+            rows = near[at_most >= least]
+            iou = np.asarray(iou_bev_pairs(self.anchors[rows], np.repeat(box[None], len(rows), axis=0)))
+            if least <= 0 or (iou >= least).any():
+                return rows, iou
+            least = iou.max(initial=0) if iou.any() else 0.0
+
+    def nearest(self, box: Floats) -> int:
+        """The anchor with its middle nearest to that of a (7,) box."""
+        return int((np.square(self.x - box[0]) + np.square(self.y - box[1])).argmin())
+
+    def _at_most(self, near: Ints, box: Floats) -> Floats:
+        """(r,) overlaps that anchors cannot exceed.
+
+        Two rectangles share no more than their bounding boxes do, in the axes of the grid as in those of one of
+        them, and no more than the smaller one has.
+        """
+        dx, dy = self.x[near] - box[0], self.y[near] - box[1]
+        cos, sin = self.cos[near], self.sin[near]
+        length, width = self.length[near], self.width[near]
+        box_cos, box_sin = np.cos(box[6]), np.sin(box[6])
+        size, box_size = length * width, box[3] * box[4]
+        upright = _shared(
+            dx, _reach(length, width, cos, sin), _reach(box[3], box[4], box_cos, box_sin)
+        ) * _shared(dy, _reach(length, width, sin, cos), _reach(box[3], box[4], box_sin, box_cos))
+        turned_cos, turned_sin = cos * box_cos + sin * box_sin, sin * box_cos - cos * box_sin
+        turned = _shared(
+            dx * box_cos + dy * box_sin, _reach(length, width, turned_cos, turned_sin), box[3] / 2
+        ) * _shared(dy * box_cos - dx * box_sin, _reach(length, width, turned_sin, turned_cos), box[4] / 2)
+        area = np.minimum(np.minimum(upright, turned), np.minimum(size, box_size))
+        with np.errstate(invalid="ignore"):  # boxes without an area overlap nothing
+            return np.asarray(np.nan_to_num(area / (size + box_size - area)) * (1 + 1e-9) + 1e-12)
 
 
-def _iou(columns: Floats, rows: Ints, box: Floats) -> Floats:
-    return np.asarray(iou_bev_pairs(columns[:, rows].T, np.repeat(box[None], len(rows), axis=0)))
+def _reach(length: Array, width: Array, cos: Array, sin: Array) -> Floats:
+    """How far a rectangle reaches from its middle along an axis at an angle to it."""
+    return np.asarray((np.abs(cos) * length + np.abs(sin) * width) / 2)
 
 
-def _nearest(columns: Floats, box: Floats) -> int:
-    return int((np.square(columns[0] - box[0]) + np.square(columns[1] - box[1])).argmin())
+def _shared(distance: Array, reach: Array, other: Array) -> Floats:
+    """Length that two stretches of an axis share, from the distance of their middles."""
+    most = 2 * np.minimum(reach, other)
+    return np.asarray(np.clip(reach + other - np.abs(distance), 0, most))

@@ -44,6 +44,12 @@ class Team:
             distributed.barrier()
 
 
+def half_precision(device: torch.device, *, wanted: bool) -> torch.autocast:
+    """Convolutions in bfloat16 where the device has units for it: several times as quick on CUDA and with AMX."""
+    quick = device.type == "cuda" or torch.cpu.get_capabilities().get("amx_bf16", False)
+    return torch.autocast(device.type, torch.bfloat16, enabled=wanted and quick)
+
+
 @contextmanager
 def team() -> Iterator[Team]:
     """The processes that `torchrun` started with this one, ready to talk; this one alone without it."""

@@ -15,18 +15,18 @@ import torch
 from torch import Tensor
 from torch.nn.utils import clip_grad_norm_
 
-from upvl_cli.detector.batch import Sample, collate
+from upvl_cli.detector import targets
+from upvl_cli.detector.batch import Batch, Sample, collate, joined
 from upvl_cli.detector.checkpoint import LOSSES, State
 from upvl_cli.detector.decode import detections
 from upvl_cli.detector.loss import Losses, Space, losses
 from upvl_cli.detector.model import Detector
-from upvl_cli.detector.sampler import items
-from upvl_cli.detector.targets import targets
-from upvl_cli.detector.together import Team
+from upvl_cli.detector.together import Team, half_precision
 from upvl_cli.geometry.iou import iou_bev
 from upvl_cli.parallel import in_order
 from upvl_cli.types import Array
 
+Exercise = tuple[Batch, targets.Targets]  # one frame and what has to be said of it
 _WARM_UP = 0.05  # share of the steps in which the rate rises, so that the moments of AdamW are known first
 _DECAY = 0.01  # AdamW (Loshchilov and Hutter, ICLR 2019)
 _LONGEST_GRADIENT = 10.0  # as in PointPillars of OpenPCDet
@@ -45,6 +45,7 @@ class Plan:
         rounds: Trainings one after the other; each but the first learns also from what the one before found.
         trust: Least score of what is found.
         seed: Of the weights, the order and all chance.
+        half: Whether to compute in bfloat16 where that is quicker.
     """
 
     steps: int
@@ -55,6 +56,7 @@ class Plan:
     rounds: int
     trust: float
     seed: int
+    half: bool
 
 
 class Frames(Protocol):
@@ -68,8 +70,8 @@ class Frames(Protocol):
     def held_out(self) -> int:
         """How many are held out."""
 
-    def changed(self, number: int, step: int, place: int, found: dict[int, Array]) -> Sample:
-        """One of those to learn from, with chance; `found` has more boxes of some of them."""
+    def changed(self, at: int, found: dict[int, Array]) -> Sample:
+        """That at a place of the order of those to learn from, with chance; `found` has more boxes of some."""
 
     def plain(self, number: int) -> Sample:
         """One of them as it is; the held-out ones follow on those to learn from."""
@@ -144,35 +146,30 @@ def _round(lesson: Lesson, state: State, keep: Callable[[State], None], tick: Ca
         tick()
 
 
-def _batches(lesson: Lesson, steps: range, found: dict[int, Array]) -> Iterator[list[Sample]]:
+def _batches(lesson: Lesson, steps: range, found: dict[int, Array]) -> Iterator[list[Exercise]]:
     """This process's part of each step, made ahead by threads."""
-    plan, team, frames = lesson.plan, lesson.team, lesson.frames
-
-    def sample(at: tuple[int, int, int]) -> Sample:
-        number, step, place = at
-        return frames.changed(number, step, place, found)
-
+    plan, team = lesson.plan, lesson.team
     each = plan.batch // team.size
-    mine = range(team.rank * each, (team.rank + 1) * each)
-    wanted = (
-        (number, step, place)
-        for step in steps
-        for place, number in enumerate(items(step, plan.batch, frames.train, plan.seed))
-        if place in mine
-    )
-    made = in_order(sample, wanted)
+    first = (step * plan.batch + team.rank * each for step in steps)
+    places = (start + place for start in first for place in range(each))
+    made = in_order(lambda at: _exercise(lesson, lesson.frames.changed(at, found)), places)
     for _ in steps:
-        yield [next(made) for _ in mine]
+        yield [next(made) for _ in range(each)]
+
+
+def _exercise(lesson: Lesson, sample: Sample) -> Exercise:
+    batch = collate([sample], lesson.detector.grid)
+    return batch, targets.targets(lesson.detector.head, batch.boxes)
 
 
 def _step(
-    lesson: Lesson, optimizer: torch.optim.Optimizer, samples: list[Sample], rate: float
+    lesson: Lesson, optimizer: torch.optim.Optimizer, exercises: list[Exercise], rate: float
 ) -> list[float]:
     """Go down the gradient once; returns the losses in the order of `LOSSES`."""
     for group in optimizer.param_groups:
         group["lr"] = rate
     optimizer.zero_grad()
-    found = _losses(lesson, samples)
+    found = _losses(lesson, exercises)
     found.total.backward()  # type: ignore[no-untyped-call]
     weights = list(lesson.detector.parameters())
     for weight in weights:
@@ -185,12 +182,11 @@ def _step(
     return [float(value) for value in told]
 
 
-def _losses(lesson: Lesson, samples: list[Sample]) -> Losses:
+def _losses(lesson: Lesson, exercises: list[Exercise]) -> Losses:
     detector, device = lesson.detector, lesson.team.device
-    batch = collate(samples, detector.grid)
-    wanted = targets(detector.head, batch.boxes).to(device)
-    batch = batch.to(device)
-    with torch.autocast(device.type, torch.bfloat16, enabled=device.type == "cuda"):
+    batch = joined([batch for batch, _ in exercises]).to(device)
+    wanted = targets.joined([wanted for _, wanted in exercises]).to(device)
+    with half_precision(device, wanted=lesson.plan.half):
         output = detector(batch)
     return losses(detector, output, batch, wanted, lesson.space.to(device), distil=lesson.plan.distil)
 
@@ -202,8 +198,10 @@ def _check(lesson: Lesson, state: State) -> None:
     loss = torch.zeros((), dtype=torch.float64, device=team.device)
     lesson.detector.train(False)
     with torch.no_grad():
-        for sample in in_order(frames.plain, held_out[team.rank :: team.size]):
-            loss += _losses(lesson, [sample]).total
+        for exercise in in_order(
+            lambda number: _exercise(lesson, frames.plain(number)), held_out[team.rank :: team.size]
+        ):
+            loss += _losses(lesson, [exercise]).total
     lesson.detector.train()
     team.mean([loss])
     found = float(loss) * team.size / max(len(held_out), 1)
@@ -219,9 +217,9 @@ def _found(lesson: Lesson) -> Iterator[tuple[int, Array]]:
     with torch.no_grad():
         for number, sample in enumerate(in_order(lesson.frames.plain, range(lesson.frames.train))):
             batch = collate([sample], detector.grid).to(device)
-            (boxes,) = detections(
-                detector, detector(batch), min_score=lesson.plan.trust, max_boxes=100, nms_iou=0.1
-            )
+            with half_precision(device, wanted=lesson.plan.half):
+                output = detector(batch)
+            (boxes,) = detections(detector, output, min_score=lesson.plan.trust, max_boxes=100, nms_iou=0.1)
             new = ~(iou_bev(boxes.seven, sample.boxes) > 0).any(axis=1)
             if new.any():
                 yield number, boxes.seven[new]

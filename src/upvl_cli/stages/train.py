@@ -44,6 +44,10 @@ class TrainParams:
     rounds: int = param("trainings; each but the first learns also from what was found", least=1, most=100)
     trust: float = param("least score of what is found and learned from", least=0, most=1)
     seed: int = param("of all chance", least=0, most=2**31 - 1)
+    precision: str = param(
+        "half: bfloat16 where the device has units for it; full: nearly the same numbers on any",
+        choices=("half", "full"),
+    )
 
 
 @dataclass(frozen=True)
@@ -148,6 +152,7 @@ def _plan(params: TrainParams, distil: float) -> Plan:
         rounds=params.rounds,
         trust=params.trust,
         seed=params.seed,
+        half=params.precision == "half",
     )
 
 
