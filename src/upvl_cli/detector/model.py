@@ -141,12 +141,17 @@ class _Pillars(nn.Module):
         column, row = (_cell(batch.points, self.grid, axis) for axis in (0, 1))
         pillar = (batch.of_sample * along + column) * across + row
         count = torch.bincount(pillar, minlength=batch.size * along * across)
+        filled = count.nonzero()[:, 0]  # about a tenth: all that follows is computed for these alone
+        of_filled = (torch.cumsum(count > 0, 0) - 1).index_select(0, pillar)
         own = self._own(batch.points, column, row)
         said = self.point(own)
-        empty = said.new_zeros(len(count), said.shape[1])
-        largest = empty.scatter_reduce(0, pillar[:, None].expand_as(said), said, "amax", include_self=False)
-        shared = self.pillar(self._shared(own, pillar, count, batch.size))
-        canvas = functional.relu(self.norm(largest + shared)) * (count > 0)[:, None]
+        empty = said.new_zeros(len(filled), said.shape[1])
+        largest = empty.scatter_reduce(
+            0, of_filled[:, None].expand_as(said), said, "amax", include_self=False
+        )
+        shared = self.pillar(self._shared(own, of_filled, filled, count.index_select(0, filled)))
+        known = functional.relu(self.norm(largest + shared))
+        canvas = known.new_zeros(len(count), known.shape[1]).index_copy(0, filled, known)
         # The channels of a cell lie side by side in memory, as convolutions like it.
         return canvas.view(batch.size, along, across, -1).permute(0, 3, 1, 2)
 
@@ -157,12 +162,13 @@ class _Pillars(nn.Module):
         own[:, 1] = (points[:, 1] - self.grid.y_m[0]) / side - row - 0.5
         return own
 
-    def _shared(self, own: Tensor, pillar: Tensor, count: Tensor, size: int) -> Tensor:
-        """(pillars, 5) the mean of each pillar's points from its centre, and where its centre is."""
-        mean = own.new_zeros(len(count), 3).index_add(0, pillar, own[:, :3]) / count.clamp(min=1)[:, None]
-        along, across = (torch.linspace(-1, 1, cells, device=own.device) for cells in self.grid.shape)
-        centre = torch.cartesian_prod(along, across).repeat(size, 1)
-        return torch.cat([mean, centre], dim=1)
+    def _shared(self, own: Tensor, of_filled: Tensor, filled: Tensor, count: Tensor) -> Tensor:
+        """(f, 5) the mean of each filled pillar's points from its centre, and where its centre is."""
+        mean = own.new_zeros(len(filled), 3).index_add(0, of_filled, own[:, :3]) / count[:, None]
+        along, across = self.grid.shape
+        column, row = filled // across % along, filled % across
+        place = torch.stack([2 * column / (along - 1) - 1, 2 * row / (across - 1) - 1], dim=1)
+        return torch.cat([mean, place.to(mean.dtype)], dim=1)
 
 
 class _Backbone(nn.Module):

@@ -75,7 +75,7 @@ def assign(anchors: Floats, boxes: Array) -> Assigned:
     anchor, the later one has it.
 
     Args:
-        anchors: (k, 7).
+        anchors: (k, 7) by ascending x.
         boxes: (m, 7).
     """
     most, owner = np.zeros(len(anchors)), np.full(len(anchors), -1)
@@ -103,11 +103,11 @@ class _Places:
         self.x, self.y, _, self.length, self.width, _, heading = np.ascontiguousarray(anchors.T)
         self.cos, self.sin = np.cos(heading), np.sin(heading)
         self.radius = np.hypot(self.length, self.width) / 2
+        self.farthest = self.radius.max(initial=0)
 
     def overlaps(self, box: Floats) -> tuple[Ints, Floats]:
         """Some anchors, ascending, and their overlap with a (7,) box; the best is there, and all by `NEGATIVE_IOU`."""
-        bound = self.radius + np.hypot(box[3], box[4]) / 2
-        near = np.flatnonzero((np.abs(self.x - box[0]) <= bound) & (np.abs(self.y - box[1]) <= bound))
+        near = self._near(box)
         at_most = self._at_most(near, box)
         least = NEGATIVE_IOU
         while True:
@@ -116,6 +116,18 @@ class _Places:
             if least <= 0 or (iou >= least).any():
                 return rows, iou
             least = iou.max(initial=0) if iou.any() else 0.0
+
+    def _near(self, box: Floats) -> Ints:
+        """The anchors whose circle touches that of a box, nearly."""
+        radius = np.hypot(box[3], box[4]) / 2
+        first, last = np.searchsorted(
+            self.x, [box[0] - radius - self.farthest, box[0] + radius + self.farthest]
+        )
+        strip = slice(first, last)
+        bound = self.radius[strip] + radius
+        touches = np.abs(self.y[strip] - box[1]) <= bound
+        touches &= np.abs(self.x[strip] - box[0]) <= bound
+        return np.asarray(first + np.flatnonzero(touches))
 
     def nearest(self, box: Floats) -> int:
         """The anchor with its middle nearest to that of a (7,) box."""

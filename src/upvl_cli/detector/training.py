@@ -261,9 +261,13 @@ def _remember(optimizer: torch.optim.Optimizer, detector: Detector, moments: dic
 @contextmanager
 def _repeatable(device: torch.device) -> Iterator[None]:
     """On a processor the same steps give the same bits."""
-    before = torch.are_deterministic_algorithms_enabled()
+    # Filling new memory would cost a tenth of a step: nothing here reads what it has not written.
+    filling = torch.utils.deterministic
+    before = torch.are_deterministic_algorithms_enabled(), filling.fill_uninitialized_memory  # type: ignore[attr-defined]
     torch.use_deterministic_algorithms(device.type == "cpu")
+    filling.fill_uninitialized_memory = False  # type: ignore[attr-defined]
     try:
         yield
     finally:
-        torch.use_deterministic_algorithms(before)
+        torch.use_deterministic_algorithms(before[0])
+        filling.fill_uninitialized_memory = before[1]  # type: ignore[attr-defined]
