@@ -36,7 +36,10 @@ MOVING = {
 RUNS: dict[str, Mapping[str, Mapping[str, str]]] = {
     "as shipped": {},
     "words off": OFF,
-    **{f"without a view: {policy}": {"mask": {"no_view": f'"{policy}"'}} for policy in ("keep", "moving")},
+    **{
+        f"without a view: {policy}": {"mask": {"no_view": f'"{policy}"'}}
+        for policy in ("keep", "moving", "remember")
+    },
     "moving only": MOVING,
     "background clusters too": {"propose": {"cluster_background": "true"}},
     "features in the distance": {"propose": {"eps_vl": "0.5"}},

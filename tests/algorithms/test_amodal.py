@@ -135,3 +135,12 @@ def test_a_foot_that_is_hidden_for_a_while_is_still_on_the_ground() -> None:
         boxes[at] = tight_box(clouds[at], 0.0, trim=0.0)
     found = amodal(replace(seen, xyz_m=clouds, height_m=heights, seven=boxes), **SETTINGS)
     np.testing.assert_allclose(found[:, 2], truth[:, 2], atol=0.1)
+
+
+@pytest.mark.parametrize("seen_m", [(2.6, 0.1), (0.4, 1.5)])
+def test_a_part_longer_or_wider_than_any_bicycle_belongs_to_a_car(seen_m: tuple[float, float]) -> None:
+    part = np.array([*seen_m, 1.4])
+    seen, _ = parked(0.0, (0.0, -5.0), part)
+    length, width, _ = amodal(seen, **SETTINGS)[0, 3:6]
+    assert length >= 3.8
+    assert 1.6 <= width < 2.0

@@ -19,9 +19,12 @@ FEWEST_FRAMES = 4  # registered frames that make a model (MI-UP)
 FAN_STEP_RAD = float(np.deg2rad(1.0))
 EDGE_FLOOR_M = 0.05
 WIDE_M = 1.2  # wider than walkers and cyclists: has wheels, and is longer than wide
-LONG_M = 3.0  # longer than a cyclist: has four wheels,
-VEHICLE_WIDTH_M = 1.6  # and is at least about as wide as a small car
-END_M = 3.0  # with its mirrors no vehicle is wider: a longer face is a side
+LONG_M = 2.3  # longer than any bicycle: has four wheels
+CAR_LW_M = (
+    3.9,
+    1.6,
+)  # the size of KITTI's mean car: what has four wheels is seldom smaller, and often seen in part
+END_M = {2.2: 2.2, np.inf: 3.0}  # up to this high nothing is wider, with its mirrors: a longer face is a side
 # Of a person one side is seen. The size of KITTI's mean pedestrian; heights that people and riders have.
 PERSON_LW_M = (0.8, 0.6)
 PERSON_HEIGHT_M = (1.0, 2.2)
@@ -140,7 +143,9 @@ def _parked(xy_m: Array, seen: Sightings) -> float:
     extent = np.subtract(*np.quantile(turned, (1 - TRIM, TRIM), axis=0))
     longest = extent.max()
     across = bool(extent[1] > extent[0])
-    if WIDE_M < longest <= END_M:
+    height_m = max((float(height.max()) for height in seen.height_m if len(height)), default=0.0)
+    end_m = next(wide for high, wide in END_M.items() if height_m <= high)
+    if WIDE_M < longest <= end_m:
         sight = along(xy_m.mean(axis=0) - np.mean(seen.sensor_xy_m, axis=0), angle)
         across = bool(abs(sight[1]) > abs(sight[0]))
     angle += across * np.pi / 2
@@ -217,10 +222,9 @@ def _moved(motion: Array, xy_m: Array) -> Array:
 def _completed(size: Array, min_aspect: float, least_small: Array) -> Array:
     """Length and width of at least what a thing of that width or length has."""
     length, width = size if size.max() > WIDE_M else np.maximum(size, least_small)
-    if width > WIDE_M:
+    if width > WIDE_M or length > LONG_M:
+        length, width = np.maximum((length, width), CAR_LW_M)
         length = max(length, min_aspect * width)
-    if length > LONG_M:
-        width = max(width, VEHICLE_WIDTH_M)
     return np.array([length, width])
 
 

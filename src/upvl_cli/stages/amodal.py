@@ -112,5 +112,5 @@ STAGE = Stage(
     params=AmodalParams,
     row=LabelRow,
     reads=("raw", "odometry", "ground", "propose", "track"),
-    version=2,
+    version=3,
 )

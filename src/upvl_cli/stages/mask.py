@@ -25,9 +25,9 @@ class MaskParams:
     eps_bg: float = param("a point this much like a background word is background", least=-2, most=2)
     against: tuple[str, ...] = param("words that background is compared with; none in the paper")
     no_view: str = param(
-        "a point without a feature: has the state of its place when a camera saw that, else it is kept; is kept; "
-        "is kept if it moves; is background",
-        choices=("remember", "keep", "moving", "drop"),
+        "a point without a feature: has the state of its place when a camera saw that, else of what looks like it "
+        "to the LiDAR; of its place, else it is kept; is kept; is kept if it moves; is background",
+        choices=("alike", "remember", "keep", "moving", "drop"),
     )
     no_view_mps: float = param(
         "where that asks whether it moves: from this speed on", "m/s", least=0, most=200
@@ -50,8 +50,9 @@ def run(inputs: Inputs, params: MaskParams) -> Iterator[MaskRow]:
     """Mark the points that move, by speed, and those of the background, by words."""
     import numpy as np
 
-    from upvl_cli.algorithms.masks import UNKNOWN, Background, moving, without_feature
-    from upvl_cli.algorithms.remembered import remember
+    from upvl_cli.algorithms.alike import shapes
+    from upvl_cli.algorithms.masks import Background, moving, without_feature
+    from upvl_cli.algorithms.unseen import Sighting, Unseen
     from upvl_cli.geometry.se3 import apply
     from upvl_cli.parallel import in_order
 
@@ -63,30 +64,31 @@ def run(inputs: Inputs, params: MaskParams) -> Iterator[MaskRow]:
     words = inputs.model.embed_text([*params.background, *against])
     rule = Background(fitted.basis, words[: len(params.background)], words[len(params.background) :], eps)
 
-    def told(pose: Any) -> tuple[Array, Array, Array]:
-        """State of each point by its own feature, whether it stands still above the ground, and where those are."""
+    def sighting(pose: Any) -> Sighting:
+        """What the cameras tell of the points above the ground."""
+        of, above = features[pose.frame], ~grounds[pose.frame].is_ground
+        xyz_m = drive.points(pose.frame).xyz_ego_m[above].astype(np.float64)
+        return Sighting(
+            rule.of(of.state, of.feature)[above],
+            moving(flows[pose.frame].flow_mps[above], min_speed_mps=params.no_view_mps),
+            apply(pose.world_from_ego, xyz_m),
+            shapes(xyz_m, grounds[pose.frame].height_m[above]) if params.no_view == "alike" else None,
+        )
+
+    learns = params.no_view in ("alike", "remember")
+    unseen = Unseen(in_order(sighting, poses if learns else ()))
+
+    def state(pose: Any) -> Array:
+        """State of each point."""
         of = features[pose.frame]
-        still = ~grounds[pose.frame].is_ground
-        still &= ~moving(flows[pose.frame].flow_mps, min_speed_mps=params.no_view_mps)
-        xyz = drive.points(pose.frame).xyz_ego_m[still] if params.no_view == "remember" else np.zeros((0, 3))
-        return rule.of(of.state, of.feature), still, apply(pose.world_from_ego, xyz)
+        background = rule.of(of.state, of.feature)
+        if learns:
+            background[~grounds[pose.frame].is_ground] = unseen.of(sighting(pose))
+        fast = moving(flows[pose.frame].flow_mps, min_speed_mps=params.no_view_mps)
+        return without_feature(background, fast, policy=params.no_view)
 
-    def known(pose: Any) -> tuple[Array, Array]:
-        """Places of a sweep whose state is known, and that state."""
-        background, still, world_m = told(pose)
-        state = background[still][: len(world_m)]
-        return world_m[state != UNKNOWN], state[state != UNKNOWN] == 1
-
-    memory = remember(in_order(known, poses))
-    for pose in poses:
-        flow_mps = flows[pose.frame].flow_mps
-        is_moving = moving(flow_mps, min_speed_mps=params.min_speed_mps)
-        background, still, world_m = told(pose)
-        if params.no_view == "remember":
-            unseen = background[still] == UNKNOWN
-            background[np.flatnonzero(still)[unseen]] = memory.of(world_m[unseen])
-        fast = moving(flow_mps, min_speed_mps=params.no_view_mps)
-        background = without_feature(background, fast, policy=params.no_view)
+    for pose, background in zip(poses, in_order(state, poses), strict=True):
+        is_moving = moving(flows[pose.frame].flow_mps, min_speed_mps=params.min_speed_mps)
         inputs.count("points moving", is_moving.sum())
         inputs.count("points still", (~is_moving).sum())
         inputs.count("points background", (background == 1).sum())
@@ -101,4 +103,5 @@ STAGE = Stage(
     params=MaskParams,
     row=MaskRow,
     reads=("raw", "vlm", "odometry", "ground", "pca", "flow", "extract-vl"),
+    version=2,
 )
