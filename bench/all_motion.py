@@ -30,7 +30,7 @@ OFF = {"extract-vl": {"images": '"none"'}, "pca": {"images": "0"}, "mask": {"no_
 MOVING = {
     **OFF,
     "mask": {"no_view": '"keep"', "min_speed_mps": "1.0"},
-    "propose": {"eps_m": "1.0"},
+    "propose": {"eps_m": "1.0", "eps_deg": "0.0"},
     "track": {"min_reach_m": "1.0", "min_follow": "0.5"},
 }
 RUNS: dict[str, Mapping[str, Mapping[str, str]]] = {
@@ -44,7 +44,9 @@ RUNS: dict[str, Mapping[str, Mapping[str, str]]] = {
     "background clusters too": {"propose": {"cluster_background": "true"}},
     "features in the distance": {"propose": {"eps_vl": "0.5"}},
     **{
-        f"r_bg {share} %": {"propose": {"max_background_share": f"{share / 100}"}}
+        f"r_bg {share} %": {
+            stage: {"max_background_share": f"{share / 100}"} for stage in ("propose", "amodal")
+        }
         for share in (10, 25, 50, 75, 90, 99, 100)
     },
     **{

@@ -54,3 +54,14 @@ def test_a_rim_point_joins_the_nearest_core() -> None:
     points = np.stack([x_m, 0 * x_m, 0 * x_m], axis=1)
     labels = dbscan_voxels(points, eps_m=1.0, min_points=10, voxel_m=0.1)
     assert labels.tolist() == [0] * 12 + [1] * 13
+
+
+def test_far_points_have_a_longer_reach_and_near_ones_keep_theirs() -> None:
+    rows = np.repeat(np.arange(6.0), 2)  # 1 m apart
+    points = np.concatenate([np.column_stack([rows + x, np.zeros((12, 2))]) for x in (5.0, 60.0)])
+    reach_m = np.where(points[:, 0] > 30, 1.2, 0.6)
+    found = dbscan_voxels(points, eps_m=0.6, min_points=3, voxel_m=0.1, reach_m=reach_m)
+    assert (found[:12] == -1).all()
+    assert (found[12:] == 0).all()
+    everywhere = dbscan_voxels(points, eps_m=0.6, min_points=3, voxel_m=0.1, reach_m=np.full(24, 0.6))
+    assert (everywhere == -1).all()

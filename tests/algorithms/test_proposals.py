@@ -12,6 +12,7 @@ from upvl_cli.algorithms.proposals import Proposals, Sweep, propose
 
 SETTINGS = {
     "eps_m": 1.0,
+    "eps_deg": 0.0,
     "eps_mps": 1.5,
     "min_points": 6,
     "voxel_m": 0.1,
@@ -129,3 +130,9 @@ def test_neighbours_that_look_unlike_are_two_objects() -> None:
     assert len(found(seen).seven) == 1
     unlike = np.repeat([0.0, 3.0], len(seen.xyz_m) // 2)[:, None]
     assert len(found(replace(seen, look=unlike)).seven) == 2
+
+
+def test_a_roof_above_its_windows_is_of_the_same_car() -> None:
+    body = car(10, 3)
+    points = body[(body[:, 2] < 0.6) | (body[:, 2] > 1.2)]
+    assert len(found(sweep((points, (5.0, 0.0))), eps_m=0.6).seven) == 1

@@ -44,7 +44,7 @@ def test_as_the_plain_rule(seed: int) -> None:
 
 def test_nothing_stays_nothing() -> None:
     assert len(suppress(np.zeros((0, 7)), np.zeros(0), max_iou=0.2)) == 0
-    assert support_score(np.zeros(0, int), np.zeros(0, int)).shape == (0,)
+    assert support_score(np.zeros(0, int), np.zeros(0, int), np.zeros(0)).shape == (0,)
 
 
 @pytest.mark.parametrize(
@@ -66,7 +66,12 @@ def test_sizes(size: tuple[float, float, float], reason: str | None) -> None:
 
 
 def test_more_support_is_a_higher_score_below_one() -> None:
-    score = support_score(np.array([0, 10, 10, 1000]), np.array([50, 5, 50, 1000]))
+    score = support_score(np.array([0, 10, 10, 1000]), np.array([50, 5, 50, 1000]), np.zeros(4))
     assert (np.diff(score) > 0).all()
     assert score[0] == 0
     assert score[-1] < 1
+
+
+def test_background_lowers_the_score() -> None:
+    score = support_score(np.full(3, 50), np.full(3, 10), np.array([0.0, 0.5, 1.0]))
+    np.testing.assert_allclose(score, score[0] * np.array([1, 0.5, 0]))

@@ -21,6 +21,7 @@ STAND_M = 1.5  # what moves stands on the ground; an object seen only above this
 FAN_STEP_RAD = float(np.deg2rad(1.0))  # headings tried for an object that stands still
 EDGE_FLOOR_M = 0.05  # about the range noise of a LiDAR: closer to an edge is not better
 SPANS_S = (0.5, 1.0, 2.0)  # the first in which an object clears its place tells what does not belong to it
+GLASS_M = 1.0  # glass returns nothing: a roof this far above its doors is theirs
 CLEARANCE_M = 0.3  # on top of its own length, as places are told apart by about this much
 
 
@@ -74,6 +75,7 @@ def propose(
     places: Places,
     *,
     eps_m: float,
+    eps_deg: float,
     eps_mps: float,
     min_points: int,
     voxel_m: float,
@@ -92,7 +94,8 @@ def propose(
     Args:
         sweep: The points.
         places: Where matter stood in all sweeps of the drive.
-        eps_m: Neighbours are closer than this.
+        eps_m: Neighbours are closer than this; up and down they may be `GLASS_M` apart.
+        eps_deg: Or closer than this as the car sees them: far away its beams are farther apart.
         eps_mps: And their flow differs by less than this; the two add up as in Pythagoras' rule.
         min_points: Points that make a neighbourhood dense, and the fewest of an object.
         voxel_m: Points closer than this count as one place.
@@ -108,8 +111,12 @@ def propose(
     """
     label: Ints = np.full(len(sweep.xyz_m), NOISE, dtype=np.int64)
     candidate = sweep.candidate & (cluster_background | (sweep.background != 1))
-    joint = np.hstack([sweep.xyz_m, sweep.velocity_mps * (eps_m / eps_mps), sweep.look])[candidate]
-    label[candidate] = dbscan_voxels(joint, eps_m=eps_m, min_points=min_points, voxel_m=voxel_m)
+    upright = sweep.xyz_m * [1.0, 1.0, min(1.0, eps_m / GLASS_M)]
+    joint = np.hstack([upright, sweep.velocity_mps * (eps_m / eps_mps), sweep.look])[candidate]
+    reach_m = np.maximum(eps_m, np.deg2rad(eps_deg) * np.hypot(*sweep.xyz_m[candidate, :2].T))
+    label[candidate] = dbscan_voxels(
+        joint, eps_m=eps_m, min_points=min_points, voxel_m=voxel_m, reach_m=reach_m
+    )
     dropped = {"points in no cluster": int((label[candidate] == NOISE).sum())}
     if cluster_background:  # there are many: before their boxes are fitted
         label, dropped["background"] = _drop(label, _background(label, sweep) > max_background_share)

@@ -11,8 +11,8 @@ FRAMES_HALF = 4.0  # a track seen in this many frames is half sure, many times t
 POINTS_HALF = 15.0  # the same of a box with this many points
 
 
-def support_score(points: Ints, frames: Ints) -> Array:
-    """(n,) confidence from 0 to 1: how much was seen of a box and of its track.
+def support_score(points: Ints, frames: Ints, background: Floats) -> Array:
+    """(n,) confidence from 0 to 1: how much was seen of a box and of its track, less what words say against it.
 
     Neither paper says how auto labels are scored; support is what is known without labels. It is
     smooth, so that scores spread over the cut-offs of the metrics.
@@ -20,8 +20,10 @@ def support_score(points: Ints, frames: Ints) -> Array:
     Args:
         points: (n,) points of the box in its own frame.
         frames: (n,) frames in which its track was seen.
+        background: (n,) share of background among the points of its track.
     """
-    return np.asarray(points / (points + POINTS_HALF) * frames / (frames + FRAMES_HALF))
+    support = points / (points + POINTS_HALF) * frames / (frames + FRAMES_HALF)
+    return np.asarray(support * (1.0 - background))
 
 
 def suppress(seven: Floats, score: Floats, *, max_iou: float) -> Bools:

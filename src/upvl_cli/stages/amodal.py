@@ -29,6 +29,9 @@ class AmodalParams:
     )
     edge_share: float = param("an edge of a box is reached by this share of the frames", least=0.001, most=1)
     min_aspect: float = param("a vehicle is at least this many times as long as wide", least=1, most=100)
+    max_background_share: float = param(
+        "drop a track with a larger share of background among its points of all frames", least=0, most=1
+    )
 
 
 def run(inputs: Inputs, params: AmodalParams) -> Iterator[LabelRow]:
@@ -51,23 +54,45 @@ def run(inputs: Inputs, params: AmodalParams) -> Iterator[LabelRow]:
     frames_seen = np.zeros(len(step), np.int64)
     tracks = list(_sightings(inputs, step, track_id))
     settings = asdict(params)
+    most = settings.pop("max_background_share")
     boxes_of = in_order(lambda track: amodal(track[1], **settings), tracks)
+    background = _background(inputs, track_id)
     for (here, sightings), boxes in zip(tracks, boxes_of, strict=True):
         world[here] = boxes
         frames_seen[here] = sum(len(xyz) > 0 for xyz in sightings.xyz_m)
-        inputs.count("tracks", 1)
+        inputs.count("tracks dropped: background", background[here[0]] > most)
+        inputs.count("tracks kept", background[here[0]] <= most)
     for number, row in enumerate(rows):
-        here = np.flatnonzero(step == number)
+        mine = step == number
+        kept = background[mine] <= most
+        here = np.flatnonzero(mine)[kept]
         inputs.count("boxes", len(here))
         yield LabelRow(
             inputs.segment,
             row.frame,
             transform(world[here], inverse(poses[row.frame].world_from_ego)),
-            row.velocity_mps,
-            row.points,
-            support_score(row.points, frames_seen[here]),
-            row.track_id,
+            row.velocity_mps[kept],
+            row.points[kept],
+            support_score(row.points[kept], frames_seen[here], background[here]),
+            row.track_id[kept],
         )
+
+
+def _background(inputs: Inputs, track_id: Array) -> Array:
+    """(n,) share of background among the points of the track of each box, in all frames; 0 where nobody knows."""
+    import numpy as np
+
+    proposals, masks = inputs.table("propose"), inputs.table("mask")
+    known, hits = [np.zeros(0)], [np.zeros(0)]
+    for row in inputs.table("track"):
+        state, boxes = masks[row.frame].background, len(proposals[row.frame].seven)
+        box = np.where(state >= 0, proposals[row.frame].box_of_point, -1)
+        # The last place is that of no box: a coasting one has none, and some points neither.
+        for counts, chosen in ((known, box), (hits, np.where(state == 1, box, -1))):
+            counts.append(np.append(np.bincount(chosen[chosen >= 0], minlength=boxes), 0)[row.proposal])
+    _, number = np.unique(track_id, return_inverse=True)
+    total = np.bincount(number, np.concatenate(known))
+    return np.asarray((np.bincount(number, np.concatenate(hits)) / np.maximum(total, 1))[number])
 
 
 def _sightings(inputs: Inputs, step: Array, track_id: Array) -> Iterator[tuple[Array, Sightings]]:
@@ -111,6 +136,6 @@ STAGE = Stage(
     run=run,
     params=AmodalParams,
     row=LabelRow,
-    reads=("raw", "odometry", "ground", "propose", "track"),
-    version=3,
+    reads=("raw", "odometry", "ground", "mask", "propose", "track"),
+    version=4,
 )

@@ -22,6 +22,7 @@ class ProposeParams:
     """Settings of `propose`."""
 
     eps_m: float = param("neighbours are closer than this", "m", least=0.05, most=20)
+    eps_deg: float = param("or than this, as the car sees them", "degrees", least=0, most=20)
     eps_mps: float = param("and their motion differs by less than this", "m/s", least=0.01, most=1000)
     min_points: int = param(
         "points that make a dense neighbourhood, and the fewest of an object", least=1, most=10**6
@@ -127,5 +128,5 @@ STAGE = Stage(
     params=ProposeParams,
     row=ProposeRow,
     reads=("raw", "odometry", "ground", "flow", "pca", "extract-vl", "mask"),
-    version=2,
+    version=3,
 )
