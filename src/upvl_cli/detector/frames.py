@@ -1,4 +1,4 @@
-"""The frames of many drives to learn from; of each only what is needed at the moment is in memory."""
+"""The frames of many drives to learn from; no more than some are in memory at once."""
 
 from __future__ import annotations
 
@@ -12,11 +12,10 @@ from upvl_cli.detector.augment import augmented
 from upvl_cli.detector.batch import Grid, Sample
 from upvl_cli.detector.sampler import chance, item
 from upvl_cli.detector.sweeps import Route, Scene, scene
-from upvl_cli.parallel import threads
 from upvl_cli.types import Array, Floats, Ints, Points
 
 _OPEN_DRIVES = 16  # each holds a few files open
-_AHEAD = 2  # scenes at hand beside those that threads work on
+_SCENES = 100  # at hand, of some 10 MB each: a small set is read from disk once, a large one streams
 
 
 @dataclass(frozen=True)
@@ -62,7 +61,7 @@ class DriveFrames:
             seed: Of all chance.
         """
         self._source = lru_cache(maxsize=_OPEN_DRIVES)(source)
-        self._scene = lru_cache(maxsize=threads() + _AHEAD)(self._made)
+        self._scene = lru_cache(maxsize=_SCENES)(self._made)
         self._grid, self._values, self._paste, self._seed = grid, values, paste, seed
         cut = {drive: length - round(held_out * length) for drive, length in lengths.items()}
         learned = [(drive, place) for drive, end in cut.items() for place in range(end)]

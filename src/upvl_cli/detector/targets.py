@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,7 @@ from upvl_cli.types import Array, Floats, Ints
 # and from 0.5 and 0.35 down a training of the same length gained a quarter of its AP (docs/log.md).
 POSITIVE_IOU = 0.35
 NEGATIVE_IOU = 0.25
+_PAIRS_A_BLOCK = 2**14  # their arrays stay in the cache
 
 
 @dataclass(frozen=True)
@@ -81,10 +82,8 @@ def assign(anchors: Floats, boxes: Array) -> Assigned:
     """
     most, owner = np.zeros(len(anchors)), np.full(len(anchors), -1)
     own = np.full(len(boxes), -1)
-    places = _Places(anchors)
-    for number, box in enumerate(boxes):
-        near, iou = places.overlaps(box)
-        own[number] = near[iou.argmax()] if iou.any() else places.nearest(box)
+    for number, (near, iou) in enumerate(_Places(anchors).overlaps(boxes)):
+        own[number] = near[iou.argmax()]
         better = iou > most[near]
         most[near[better]] = iou[better]
         owner[near[better]] = number
@@ -106,17 +105,38 @@ class _Places:
         self.radius = np.hypot(self.length, self.width) / 2
         self.farthest = self.radius.max(initial=0)
 
-    def overlaps(self, box: Floats) -> tuple[Ints, Floats]:
-        """Some anchors, ascending, and their overlap with a (7,) box; the best is there, and all by `NEGATIVE_IOU`."""
-        near = self._near(box)
-        at_most = self._at_most(near, box)
+    def overlaps(self, boxes: Array) -> Iterator[tuple[Ints, Floats]]:
+        """For each of (m, 7) boxes some anchors, ascending, and their overlap with it.
+
+        The best one is there, and all that overlap by `NEGATIVE_IOU`; the nearest one where none does.
+        """
+        near = [self._near(box) for box in boxes]
+        for some in _blocks([len(of) for of in near]):
+            count = [len(near[number]) for number in some]
+            rows, of_box = np.concatenate([near[number] for number in some]), np.repeat(some, count)
+            at_most = self._at_most(rows, boxes[of_box])
+            good = at_most >= NEGATIVE_IOU
+            iou = np.asarray(iou_bev_pairs(self.anchors[rows[good]], boxes[of_box[good]]))
+            first = np.searchsorted(of_box[good], [*some, some[-1] + 1])
+            start = np.cumsum([0, *count])
+            for place, number in enumerate(some):
+                mine = slice(first[place], first[place + 1])
+                if (iou[mine] >= NEGATIVE_IOU).any():
+                    yield rows[good][mine], iou[mine]
+                else:
+                    yield self._best(boxes[number], near[number], at_most[start[place] : start[place + 1]])
+
+    def _best(self, box: Floats, near: Ints, at_most: Floats) -> tuple[Ints, Floats]:
+        """The anchors that overlap a box most, where none does by `NEGATIVE_IOU`."""
         least = NEGATIVE_IOU
-        while True:
+        while least > 0:
+            least = least / 4 if least > 1e-3 else 0.0
             rows = near[at_most >= least]
             iou = np.asarray(iou_bev_pairs(self.anchors[rows], np.repeat(box[None], len(rows), axis=0)))
-            if least <= 0 or (iou >= least).any():
+            if iou.max(initial=0) >= max(least, 1e-12):
                 return rows, iou
-            least = iou.max(initial=0) if iou.any() else 0.0
+        nearest = (np.square(self.x - box[0]) + np.square(self.y - box[1])).argmin()
+        return np.array([nearest]), np.zeros(1)
 
     def _near(self, box: Floats) -> Ints:
         """The anchors whose circle touches that of a box, nearly."""
@@ -130,31 +150,34 @@ class _Places:
         touches &= np.abs(self.x[strip] - box[0]) <= bound
         return np.asarray(first + np.flatnonzero(touches))
 
-    def nearest(self, box: Floats) -> int:
-        """The anchor with its middle nearest to that of a (7,) box."""
-        return int((np.square(self.x - box[0]) + np.square(self.y - box[1])).argmin())
-
-    def _at_most(self, near: Ints, box: Floats) -> Floats:
-        """(r,) overlaps that anchors cannot exceed.
+    def _at_most(self, near: Ints, boxes: Floats) -> Floats:
+        """(r,) overlaps that each anchor cannot exceed with the box of its row, (r, 7).
 
         Two rectangles share no more than their bounding boxes do, in the axes of the grid as in those of one of
         them, and no more than the smaller one has.
         """
-        dx, dy = self.x[near] - box[0], self.y[near] - box[1]
+        x, y, _, along, across, _, heading = boxes.T
+        dx, dy = self.x[near] - x, self.y[near] - y
         cos, sin = self.cos[near], self.sin[near]
         length, width = self.length[near], self.width[near]
-        box_cos, box_sin = np.cos(box[6]), np.sin(box[6])
-        size, box_size = length * width, box[3] * box[4]
+        box_cos, box_sin = np.cos(heading), np.sin(heading)
+        size, box_size = length * width, along * across
         upright = _shared(
-            dx, _reach(length, width, cos, sin), _reach(box[3], box[4], box_cos, box_sin)
-        ) * _shared(dy, _reach(length, width, sin, cos), _reach(box[3], box[4], box_sin, box_cos))
+            dx, _reach(length, width, cos, sin), _reach(along, across, box_cos, box_sin)
+        ) * _shared(dy, _reach(length, width, sin, cos), _reach(along, across, box_sin, box_cos))
         turned_cos, turned_sin = cos * box_cos + sin * box_sin, sin * box_cos - cos * box_sin
         turned = _shared(
-            dx * box_cos + dy * box_sin, _reach(length, width, turned_cos, turned_sin), box[3] / 2
-        ) * _shared(dy * box_cos - dx * box_sin, _reach(length, width, turned_sin, turned_cos), box[4] / 2)
+            dx * box_cos + dy * box_sin, _reach(length, width, turned_cos, turned_sin), along / 2
+        ) * _shared(dy * box_cos - dx * box_sin, _reach(length, width, turned_sin, turned_cos), across / 2)
         area = np.minimum(np.minimum(upright, turned), np.minimum(size, box_size))
         with np.errstate(invalid="ignore"):  # boxes without an area overlap nothing
             return np.asarray(np.nan_to_num(area / (size + box_size - area)) * (1 + 1e-9) + 1e-12)
+
+
+def _blocks(counts: list[int]) -> Iterator[Ints]:
+    """Numbers of boxes, in order, some at a time: as many as share `_PAIRS_A_BLOCK` pairs."""
+    block = np.cumsum(counts) // _PAIRS_A_BLOCK
+    return (np.flatnonzero(block == number) for number in np.unique(block))
 
 
 def _reach(length: Array, width: Array, cos: Array, sin: Array) -> Floats:
