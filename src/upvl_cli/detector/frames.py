@@ -15,7 +15,7 @@ from upvl_cli.detector.sweeps import Route, Scene, scene
 from upvl_cli.types import Array, Floats, Ints, Points
 
 _OPEN_DRIVES = 16  # each holds a few files open
-_SCENES = 100  # at hand, of some 10 MB each: a small set is read from disk once, a large one streams
+_SCENES = 64  # at hand, of some 10 MB each: a small set is read from disk once, a large one streams
 
 
 @dataclass(frozen=True)
