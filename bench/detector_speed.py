@@ -19,9 +19,7 @@ from upvl_cli.detector.decode import detections
 from upvl_cli.detector.model import HEADS, Detector, Output
 from upvl_cli.geometry.boxes import pairs_inside
 
-GRID = Grid(
-    (-50.0, 50.0), (-20.0, 20.0), (-2.0, 4.0), 0.24
-)  # UP-VL's view, and the pillars that ship
+GRID = Grid((-50.0, 50.0), (-20.0, 20.0), (-2.0, 4.0), 0.24)  # UP-VL's view, and the pillars that ship
 POINTS = 150_000
 BOXES = 100
 LEAST_PER_S = {"cpu": 8.0, "cuda": 200.0}
