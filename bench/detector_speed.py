@@ -17,6 +17,7 @@ import torch
 from upvl_cli.detector.batch import Batch, Grid, Sample, collate
 from upvl_cli.detector.decode import detections
 from upvl_cli.detector.model import HEADS, Detector, Output
+from upvl_cli.detector.together import half_precision
 from upvl_cli.geometry.boxes import pairs_inside
 
 GRID = Grid((-50.0, 50.0), (-20.0, 20.0), (-2.0, 4.0), 0.24)  # UP-VL's view, and the pillars that ship
@@ -65,7 +66,8 @@ def measured(encoder: str, width: int, device: str) -> list[bool]:
 
     def read() -> tuple[Batch, Output, np.ndarray]:
         batch = collate([Sample.of_points(points)], GRID).to(device)
-        output = detector(batch)
+        with half_precision(torch.device(device), wanted=True):
+            output = detector(batch)
         found = detections(detector, output, min_score=0.0, max_boxes=BOXES, nms_iou=0.2)[0]
         return batch, output, found.seven
 
@@ -91,7 +93,7 @@ def measured(encoder: str, width: int, device: str) -> list[bool]:
 def main() -> int:
     """Measure and return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--width", type=int, default=32, help="channels of a pillar, as in train.toml")
+    parser.add_argument("--width", type=int, default=16, help="channels of a pillar, as in train.toml")
     parser.add_argument("--threads", type=int, default=2, help="of the processor")
     chosen = parser.parse_args()
     torch.set_num_threads(chosen.threads)

@@ -50,6 +50,7 @@ def test_all_is_fresh_when_it_is_asked_for_again(labelled: Path) -> None:
     assert upvl(labelled, "extract-vl", PYTHONPROFILEIMPORTTIME="1").stderr.count("torch") == 0
 
 
+@pytest.mark.slow
 def test_the_mode_is_remembered_and_left_again(labelled: Path, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(labelled, tmp_path / "work"))
     done = upvl(folder, "autolabel", "--moving-only")

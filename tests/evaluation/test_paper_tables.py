@@ -68,6 +68,7 @@ def test_names_are_scored_apart_and_riders_count_as_walkers() -> None:
     assert named_scores(case, iou=0.4, moving_mps=None) == pytest.approx((0.5, 4 / 9, 17 / 36))
 
 
+@pytest.mark.slow
 def test_the_command_fills_what_it_can_and_makes_nothing_twice(workspace: Path) -> None:
     made = presets(Workspace(workspace / "stages", workspace / "out"))
     assert {"moving-only", "clustering"} <= set(made)
