@@ -1,6 +1,7 @@
-"""What words are worth to labels in all motion states, on city drives: python bench/all_motion.py [--keep FOLDER].
+"""What words are worth to labels in all motion states: python bench/all_motion.py [--keep FOLDER] [--kitti ROOT].
 
-Labels drives of the split val as shipped, with words switched off, and with other values of r_bg and eps_bg.
+Labels drives of the city's split val, or KITTI raw drives with labels, as shipped, with words switched off, and
+with other values of r_bg and eps_bg.
 Prints class-agnostic AP (level 2) of all objects and of those that stand, and mAP by name, in percent.
 """
 
@@ -24,7 +25,7 @@ from upvl_cli.settings import load
 from upvl_cli.sweep import make, preset_workspace
 from upvl_cli.vlm.mini import OBJECTS
 from upvl_cli.workspace import Workspace
-from workspaces import on_city
+from workspaces import on_city, on_kitti
 
 OFF = {"extract-vl": {"images": '"none"'}, "pca": {"images": "0"}, "mask": {"no_view": '"keep"'}}
 MOVING = {
@@ -62,10 +63,15 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=20)
     parser.add_argument("--drives", type=int, default=2)
     parser.add_argument("--keep", type=Path)
+    parser.add_argument("--kitti", type=Path, help="folder with KITTI raw drives, in place of the city")
     parser.add_argument("--only", nargs="+", default=list(RUNS), help="names of runs")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
-        folder = on_city(options.keep or Path(scratch), frames=options.frames, train=0, val=options.drives)
+        folder = options.keep or Path(scratch)
+        if options.kitti:
+            on_kitti(folder, options.kitti, [])
+        else:
+            on_city(folder, frames=options.frames, train=0, val=options.drives)
         base = Workspace(folder / "stages", folder / "out", "")
         done: list[Workspace] = []
         ap = {}

@@ -85,6 +85,7 @@ def run(inputs: Inputs, params: MaskParams) -> Iterator[MaskRow]:
         if learns:
             background[~grounds[pose.frame].is_ground] = unseen.of(sighting(pose))
         fast = moving(flows[pose.frame].flow_mps, min_speed_mps=params.no_view_mps)
+        background[fast & (background == 1)] = -1
         return without_feature(background, fast, policy=params.no_view)
 
     for pose, background in zip(poses, in_order(state, poses), strict=True):
@@ -103,5 +104,5 @@ STAGE = Stage(
     params=MaskParams,
     row=MaskRow,
     reads=("raw", "vlm", "odometry", "ground", "pca", "flow", "extract-vl"),
-    version=2,
+    version=3,
 )
