@@ -20,6 +20,10 @@ from upvl_cli.stages import BY_NAME, LABELLING, STAGES
 from upvl_cli.tables import Table, write
 
 
+# One process runs them all: what they share is made once.
+pytestmark = pytest.mark.xdist_group("cli")
+
+
 @pytest.fixture(scope="module")
 def labelled(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A workspace in which the built-in drive has been labelled once."""
@@ -189,6 +193,7 @@ def test_workers_make_the_same_bytes(labelled: Path, tmp_path: Path) -> None:
     assert shards(folder) == shards(labelled)
 
 
+@pytest.mark.slow
 def test_make_makes_the_same_bytes_and_then_nothing(labelled: Path, tmp_path: Path) -> None:
     folder = make_workspace(tmp_path)
     shutil.copy(ROOT / "workspace.mk", folder / "Makefile")

@@ -15,6 +15,8 @@ from upvl_cli.tables import Table
 from upvl_cli.workspace import WHOLE, Workspace
 
 SEGMENT = "street-0"
+# One process runs them all: what they share is made once.
+pytestmark = pytest.mark.xdist_group("extract_vl")
 
 
 @pytest.fixture(scope="session")

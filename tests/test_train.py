@@ -22,6 +22,8 @@ from upvl_cli.tables import Table
 from upvl_cli.workspace import WHOLE, Workspace
 
 SEGMENT = "street-0"
+# One process runs them all: what they share is made once.
+pytestmark = pytest.mark.xdist_group("train")
 TINY = {
     "extract-vl__images": '"all"', "pca__images": "2", "detect__min_score": "0.0", "detect__max_boxes": "20",
     "train__steps": "6", "train__check_steps": "2", "train__width": "8", "train__pillar_m": "0.8",
