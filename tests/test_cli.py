@@ -19,7 +19,6 @@ from tiny_kitti import write_drive
 from upvl_cli.stages import BY_NAME, LABELLING, STAGES
 from upvl_cli.tables import Table, write
 
-
 # One process runs them all: what they share is made once.
 pytestmark = pytest.mark.xdist_group("cli")
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from upvl_cli.errors import BadSetting, UpvlError
 from upvl_cli.runner import Made, Tick, claim_folder, make_shard
 from upvl_cli.stage import Stage
-from upvl_cli.stages import BY_NAME, LABELLING, STAGES
+from upvl_cli.stages import BY_NAME, DETECTING, LABELLING, STAGES
 from upvl_cli.workspace import WHOLE, Workspace, joined, write_if_changed
 
 
@@ -98,16 +98,40 @@ def make(
     """
     _link(base.mark_raw(segment), workspace.shard("raw", segment))
     for stage in LABELLING:
-        drive = WHOLE if stage.whole else segment
-        stamp = workspace.shard_stamp(stage, drive)
-        owner = next(
-            (other for other in (base, *others) if other.shard_stamp(stage, drive) == stamp), workspace
-        )
-        settings = claim_folder(owner, stage, {})
-        yield make_shard(owner, stage, drive, settings, tick)
-        if owner is not workspace:
-            claim_folder(workspace, stage, {})
-            _link(owner.shard(stage.name, drive), workspace.shard(stage.name, drive))
+        yield _owned(base, workspace, others, stage, WHOLE if stage.whole else segment, tick)
+
+
+def learn(
+    base: Workspace, workspace: Workspace, others: Sequence[Workspace], segments: Sequence[str], tick: Tick
+) -> Iterator[Made]:
+    """Make the detector of a workspace whose labels are made, and what it finds.
+
+    Args:
+        base: As for `make`.
+        workspace: Where.
+        others: As for `make`.
+        segments: The drives to look at.
+        tick: Called after each step and each frame.
+
+    Raises:
+        UpvlError: A shard cannot be made or written.
+    """
+    for stage in DETECTING:
+        for drive in (WHOLE,) if stage.whole else segments:
+            yield _owned(base, workspace, others, stage, drive, tick)
+
+
+def _owned(
+    base: Workspace, workspace: Workspace, others: Sequence[Workspace], stage: Stage, drive: str, tick: Tick
+) -> Made:
+    """Make a shard where the first workspace with equal values for it is, and link it from there."""
+    stamp = workspace.shard_stamp(stage, drive)
+    owner = next((other for other in (base, *others) if other.shard_stamp(stage, drive) == stamp), workspace)
+    made = make_shard(owner, stage, drive, claim_folder(owner, stage, {}), tick)
+    if owner is not workspace:
+        claim_folder(workspace, stage, {})
+        _link(owner.shard(stage.name, drive), workspace.shard(stage.name, drive))
+    return made
 
 
 def _link(source: Path, target: Path) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scored_world import material
 
-from command import ROOT, fails, make_workspace, upvl
+from command import ROOT, fails, make_workspace, set_value, upvl
 from tiny_kitti import write_drive
 from upvl_cli.evaluation.paper import COLUMNS, TABLES, PaperRow
 from upvl_cli.evaluation.paper_tables import missing, presets
@@ -48,10 +48,15 @@ def test_named_rows_are_means_as_published() -> None:
 
 def test_what_a_row_needs_is_told(tmp_path: Path) -> None:
     (tmp_path / "here").mkdir()
-    assert missing(PaperRow("", "here", (), needs=("flow",)), tmp_path) == ""
-    assert missing(PaperRow("", "", (), needs=()), tmp_path) == ""
-    assert missing(PaperRow("", "here", (), needs=("flow", "dream", "wish")), tmp_path) == "no dream yet"
-    assert missing(PaperRow("", "gone", (), needs=("flow",)), tmp_path) == "no preset gone yet"
+    assert missing(PaperRow("", "here", (), needs=("flow",)), tmp_path, detectors=False) == ""
+    assert missing(PaperRow("", "", (), needs=()), tmp_path, detectors=False) == ""
+    assert (
+        missing(PaperRow("", "here", (), needs=("flow", "dream", "wish")), tmp_path, detectors=False)
+        == "no dream yet"
+    )
+    assert (
+        missing(PaperRow("", "gone", (), needs=("flow",)), tmp_path, detectors=False) == "no preset gone yet"
+    )
 
 
 def test_names_are_scored_apart_and_riders_count_as_walkers() -> None:
@@ -70,14 +75,15 @@ def test_names_are_scored_apart_and_riders_count_as_walkers() -> None:
 
 @pytest.mark.slow
 def test_the_command_fills_what_it_can_and_makes_nothing_twice(workspace: Path) -> None:
-    made = presets(Workspace(workspace / "stages", workspace / "out"))
+    made = presets(Workspace(workspace / "stages", workspace / "out"), detectors=False)
     assert {"moving-only", "clustering"} <= set(made)
+    assert not any(made.values())
     done = upvl(workspace, "tables")
     assert done.returncode == 0, done.stderr
     text = " ".join(done.stdout.split())
     assert "Table 1: moving objects, whatever their class" in text
     assert "published AP@0.4 L1 AP@0.4 L2 AP@0.5 L1 AP@0.5 L2 MI-UP labels 36.9 35.5 27.4 26.4 ours " in text
-    assert "UP-VL detector 49.9 48.1 38.4 36.9 no " in text
+    assert "UP-VL detector 49.9 48.1 38.4 36.9 with --detectors" in text
     assert text.count("Not the same data.") == len(TABLES)
     tables = json.loads((workspace / "out" / "eval" / "tables.json").read_text())
     assert [table["title"] for table in tables] == [table.title for table in TABLES]
@@ -88,6 +94,32 @@ def test_the_command_fills_what_it_can_and_makes_nothing_twice(workspace: Path) 
     again = upvl(workspace, "tables")
     assert "made stage" not in again.stdout
     assert done.stdout.endswith(again.stdout)
+
+
+@pytest.mark.slow
+def test_detectors_are_scored_where_they_have_not_learned(tmp_path: Path) -> None:
+    drive = write_drive(tmp_path / "drives", frames=6)
+    write_drive(tmp_path / "drives", frames=6, drive=2)
+    folder = make_workspace(tmp_path / "work", raw__dataset='"kitti"', raw__root=f'"{drive.root}"')
+    refusal = fails(folder, "tables", "--detectors")
+    assert "the detectors would learn from every drive that has labels; expected some to score in" in refusal
+    set_value(folder, "train", "drives", '["*_0001_*"]')
+    done = upvl(folder, "tables", "--detectors")
+    assert done.returncode == 0, done.stderr
+    assert "with --detectors" not in done.stdout
+    tables = json.loads((folder / "out" / "eval" / "tables.json").read_text())
+    rows = [row for table in tables for row in table["rows"]]
+    assert not any(row["missing"] for row in rows)
+    assert {row["preset"] for row in rows if "detector" in row["name"]} == {
+        "moving-only",
+        "moving-vl",
+        "no-distillation",
+        "",
+    }
+    looked_at = sorted(folder.glob("out/tables/*/detect/*.parquet"))
+    assert {path.stem[-9:-5] for path in looked_at} == {"0002"}
+    assert len(looked_at) == 3
+    assert "made stage" not in upvl(folder, "tables", "--detectors").stdout
 
 
 def test_without_labels_there_is_nothing_to_fill(workspace: Path, tmp_path: Path) -> None:

@@ -7,7 +7,6 @@ from typing import Annotated
 import typer
 
 from upvl_cli.cli.application import Segments, app
-from upvl_cli.stages import LABELLING
 from upvl_cli.workspace import Workspace
 
 
@@ -46,7 +45,16 @@ def evaluate(
 
 
 @app.command()
-def tables(context: typer.Context) -> None:
+def tables(
+    context: typer.Context,
+    detectors: Annotated[
+        bool,
+        typer.Option(
+            "--detectors",
+            help="Train detectors for their rows; all rows are then of the drives that train.toml leaves out.",
+        ),
+    ] = False,
+) -> None:
     """Fill the paper's tables on the drives of this workspace, beside the published figures."""
     from rich.console import Console
 
@@ -56,9 +64,8 @@ def tables(context: typer.Context) -> None:
 
     workspace = Workspace(context.obj.stages, context.obj.out, "")
     remember(workspace)
-    shards = len(LABELLING) * len(workspace.segments) * len(paper_tables.presets(workspace))
-    with Progress(shards) as progress:
-        filled = list(paper_tables.fill(workspace, progress))
+    with Progress(paper_tables.shards(workspace, detectors=detectors)) as progress:
+        filled = list(paper_tables.fill(workspace, progress, detectors=detectors))
     path = paper_tables.write(workspace, filled)
     for table, rows in filled:
         Console().print(paper_tables.shown(table, rows), "", highlight=False)

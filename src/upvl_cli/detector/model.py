@@ -91,7 +91,10 @@ class Detector(nn.Module):
         along, across = (pillars // STRIDE for pillars in self.grid.shape)
         column, row = (_cell(points, self.grid, axis) // STRIDE for axis in (0, 1))
         cell = (batch.of_sample.index_select(0, rows) * along + column) * across + row
-        asked, of_asked = torch.unique(cell, return_inverse=True)
+        is_asked = torch.zeros(batch.size * along * across, dtype=torch.bool, device=cell.device)
+        is_asked[cell] = True
+        asked = is_asked.nonzero()[:, 0]  # as `unique` gives them, without sorting
+        of_asked = (torch.cumsum(is_asked, 0) - 1).index_select(0, cell)
         known = output.cells.flatten(0, 1).index_select(0, asked).float()
         told = functional.linear(known, self.tells.weight[:, :-_RAW], self.tells.bias)
         own = _scaled(points, self.grid)[:, :_RAW]

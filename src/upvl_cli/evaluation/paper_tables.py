@@ -12,6 +12,7 @@ from typing import Protocol
 
 from rich.table import Table
 
+from upvl_cli.errors import BadSetting
 from upvl_cli.evaluation.gather import Material, gather, labelled
 from upvl_cli.evaluation.paper import COLUMNS, TABLES, PaperRow, PaperTable, Score
 from upvl_cli.evaluation.params import EvalParams
@@ -19,8 +20,9 @@ from upvl_cli.evaluation.run import STAGE_OF
 from upvl_cli.evaluation.score import detection_scores, named_scores, track_scores
 from upvl_cli.runner import Made
 from upvl_cli.settings import load
-from upvl_cli.stages import LABELLING
-from upvl_cli.sweep import make, preset_workspace
+from upvl_cli.stages import BY_NAME, DETECTING, LABELLING
+from upvl_cli.stages.train import learned_from
+from upvl_cli.sweep import learn, make, preset_workspace
 from upvl_cli.workspace import Workspace, write_if_changed
 
 _IOUS = (0.4, 0.5)  # those of the paper
@@ -45,15 +47,18 @@ class Filled:
     missing: str
 
 
-def missing(row: PaperRow, folder: Path) -> str:
+def missing(row: PaperRow, folder: Path, *, detectors: bool) -> str:
     """The first thing that a row still needs, in words; empty where it can be made.
 
     Args:
         row: The row.
         folder: The presets.
+        detectors: Whether detectors are trained on the way.
     """
-    made_here = [stage.name for stage in LABELLING]  # no detector is trained on the way
+    made_here = [stage.name for stage in (*LABELLING, *(DETECTING if detectors else ()))]
     stage = next((name for name in row.needs if name not in made_here), None)
+    if stage in BY_NAME:
+        return "with --detectors"
     if stage:
         return f"no {stage} yet"
     if row.preset and not (folder / row.preset).is_dir():
@@ -61,11 +66,46 @@ def missing(row: PaperRow, folder: Path) -> str:
     return ""
 
 
-def presets(workspace: Workspace) -> list[str]:
-    """The presets that some row can be made with, each once, in the order of the tables; "" is what ships."""
+def presets(workspace: Workspace, *, detectors: bool) -> dict[str, bool]:
+    """The presets that some row can be made with, each once, in the order of the tables; "" is what ships.
+
+    Args:
+        workspace: Where.
+        detectors: Whether detectors are trained on the way.
+
+    Returns:
+        For each whether a row asks for its detector.
+    """
     folder = workspace.stages / "presets"
-    rows = (row for table in TABLES for row in table.rows)
-    return list(dict.fromkeys(row.preset for row in rows if not missing(row, folder)))
+    found: dict[str, bool] = {}
+    for row in (row for table in TABLES for row in table.rows):
+        if not missing(row, folder, detectors=detectors):
+            found[row.preset] = found.get(row.preset, False) or row.what == "detections"
+    return found
+
+
+def scored_drives(workspace: Workspace, *, detectors: bool) -> list[str]:
+    """The drives with labels; beside detectors those that none has learned from, for all rows alike.
+
+    Raises:
+        BadInput: No drive has labels.
+        BadSetting: The detectors would learn from all of those.
+    """
+    named = list(labelled(workspace)[1])
+    learned = learned_from(workspace.settings(BY_NAME["train"]), workspace.segments) if detectors else []
+    left = [name for name in named if name not in learned]
+    if not left:
+        raise BadSetting(
+            f"the detectors would learn from every drive that has labels; expected some to score in: set drives in "
+            f'{workspace.stages / "train.toml"}, such as drives = ["train-*"]'
+        )
+    return left
+
+
+def shards(workspace: Workspace, *, detectors: bool) -> int:
+    """How many shards `fill` makes or finds."""
+    made, drives = presets(workspace, detectors=detectors), scored_drives(workspace, detectors=detectors)
+    return len(made) * len(LABELLING) * len(workspace.segments) + sum(made.values()) * (1 + len(drives))
 
 
 class Watcher(Protocol):
@@ -78,35 +118,40 @@ class Watcher(Protocol):
         """One more shard is done."""
 
 
-def fill(workspace: Workspace, watcher: Watcher) -> Iterator[tuple[PaperTable, list[Filled]]]:
+def fill(
+    workspace: Workspace, watcher: Watcher, *, detectors: bool
+) -> Iterator[tuple[PaperTable, list[Filled]]]:
     """Make what the rows need, and fill all tables.
 
     Args:
         workspace: Where.
         watcher: Who is told of each frame and shard that is made.
+        detectors: Whether to train detectors, for the rows that score one.
 
     Raises:
         BadInput: No drive has labels.
-        BadSetting: A preset or a value is wrong.
+        BadSetting: A preset or a value is wrong, or detectors leave no drive to score.
     """
     settings = replace(load(EvalParams, workspace.stages / "eval.toml"), iou=_IOUS)
-    labelled(workspace)  # without labels there is no need to make anything
+    drives = scored_drives(workspace, detectors=detectors)  # else there is no need to make anything
     made: dict[str, Workspace] = {}
-    for name in presets(workspace):
-        made[name] = preset_workspace(workspace, name) if name else workspace
-        others = [other for other in made.values() if other not in (workspace, made[name])]
+    for name, learns in presets(workspace, detectors=detectors).items():
+        mine = made[name] = preset_workspace(workspace, name) if name else workspace
+        others = [other for other in made.values() if other not in (workspace, mine)]
         for segment in workspace.segments:
-            for shard in make(workspace, made[name], others, segment, watcher.tick):
+            for shard in make(workspace, mine, others, segment, watcher.tick):
                 watcher.done(shard)
+        for shard in learn(workspace, mine, others, drives, watcher.tick) if learns else ():
+            watcher.done(shard)
 
     @cache
     def gathered(preset: str, stage: str) -> Material:
-        return gather(made[preset], stage, region=None, named=stage == STAGE_OF["labels"])
+        return gather(made[preset], stage, region=None, named=True, segments=drives)
 
     for table in TABLES:
         rows = []
         for row in table.rows:
-            reason = missing(row, workspace.stages / "presets")
+            reason = missing(row, workspace.stages / "presets", detectors=detectors)
             material = None if reason else gathered(row.preset, STAGE_OF[row.what])
             rows.append(_filled(table, row, material, reason, settings))
         yield table, rows
@@ -118,8 +163,6 @@ def _filled(
     nothing = (math.nan,) * len(COLUMNS[table.score])
     if material is None:
         return Filled(row, nothing, reason)
-    if table.score == "named" and row.needs and not material.has_class:
-        return Filled(row, nothing, f"no class of boxes in {STAGE_OF[row.what]} yet")
     ours = _scored(material, table, row, settings)
     return Filled(row, tuple(100 * value for value in ours), "")
 
@@ -128,6 +171,9 @@ def _scored(material: Material, table: PaperTable, row: PaperRow, settings: Eval
     objects = material.without_classes()
     moving_only = table.moving_only
     if table.score == "tracking":
+        # A detection of no track follows nothing.
+        tracked = objects.predictions[objects.predictions.object_id != "-1"]
+        objects = replace(objects, predictions=tracked)
         level_2 = track_scores(objects, settings, moving_only=moving_only)[1]
         # Without a cut-off of positive MOTA the tool reports 0 for both, which is no precision of anything.
         return level_2.mota, level_2.motp if level_2.cutoff is not None else math.nan

@@ -20,7 +20,7 @@ from upvl_cli.stages import (
     train,
 )
 
-# Those that make labels: the others learn from them.
+# Those that make labels.
 LABELLING: tuple[Stage, ...] = (
     odometry.STAGE,
     ground.STAGE,
@@ -36,6 +36,9 @@ LABELLING: tuple[Stage, ...] = (
     describe.STAGE,
 )
 
-STAGES: tuple[Stage, ...] = (*LABELLING, train.STAGE, detect.STAGE)
+# Those that learn from labels, and find without a picture.
+DETECTING: tuple[Stage, ...] = (train.STAGE, detect.STAGE)
+
+STAGES: tuple[Stage, ...] = (*LABELLING, *DETECTING)
 
 BY_NAME: dict[str, Stage] = {stage.name: stage for stage in STAGES}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -90,6 +90,13 @@ def grid_of(grid_m: Array | tuple[float, ...], pillar_m: float) -> Grid:
     return Grid((x0, x1), (y0, y1), (z0, z1), pillar_m)
 
 
+def learned_from(params: TrainParams, segments: Sequence[str]) -> list[str]:
+    """The drives whose names are asked for."""
+    from fnmatch import fnmatchcase
+
+    return [name for name in segments if any(fnmatchcase(name, glob) for glob in params.drives)]
+
+
 def run(inputs: Inputs, params: TrainParams) -> Iterator[TrainRow]:
     """Learn a detector from the auto labels; it goes on from where a stopped run was."""
     import numpy as np
@@ -158,12 +165,10 @@ def _plan(params: TrainParams, distil: float) -> Plan:
 
 def _frames(inputs: Inputs, params: TrainParams, grid: Grid, basis: Basis, here: Team) -> DriveFrames:
     """The frames of the drives whose names are asked for."""
-    from fnmatch import fnmatchcase
-
     from upvl_cli.detector.frames import DriveFrames
     from upvl_cli.errors import BadSetting
 
-    chosen = [name for name in inputs.segments if any(fnmatchcase(name, glob) for glob in params.drives)]
+    chosen = learned_from(params, inputs.segments)
     lengths = {name: len(inputs.table("odometry", name)) for name in chosen}
     if here.rank == 0:
         for name in chosen:
