@@ -7,11 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from upvl_cli.algorithms.pixel_features import at_picture
 from upvl_cli.algorithms.views import SEEN
 from upvl_cli.drawing.words import NO_WORD, words_above, words_in_view
 from upvl_cli.errors import BadSetting
 from upvl_cli.geometry.camera import project
 from upvl_cli.look import VIEW, chosen_frame, save, table_of
+from upvl_cli.stages import BY_NAME
 from upvl_cli.workspace import WHOLE, Workspace
 
 
@@ -53,11 +55,20 @@ def draw_words(workspace: Workspace, segment: str, frame: int | None, words: Seq
     )
     stem = workspace.out / "draw" / f"{segment}-{frame:06d}-words"
     yield save(words_above(VIEW, xyz, word, words), stem.with_name(f"{stem.name}-above.png"))
+    poses = list(table_of(workspace, "odometry", segment))
+    times_ns, world_from_ego = (
+        [pose.time_ns for pose in poses],
+        np.array([pose.world_from_ego for pose in poses]),
+    )
+    step = [pose.frame for pose in poses].index(frame)
+    follows = workspace.settings(BY_NAME["extract-vl"]).follow_motion
+    flow_mps = table_of(workspace, "flow", segment)[frame].flow_mps if follows else np.zeros((len(xyz), 3))
     for number, camera in enumerate(drive.cameras):
         image = drive.image(frame, camera.name)
         seen = of.camera == number
         if image is not None:
-            uv_px = project(camera, xyz[seen])[0]
+            then = at_picture(times_ns, world_from_ego, step, xyz[seen], flow_mps[seen], image)
+            uv_px = project(camera, then)[0]
             ahead = np.isfinite(uv_px).all(axis=1)
             picture = words_in_view(image.rgb, uv_px[ahead], word[seen][ahead], words)
             yield save(picture, stem.with_name(f"{stem.name}-{camera.name}.png"))

@@ -114,9 +114,28 @@ class Look:
         if image is None:
             xyz_ego_m = np.full((len(xyz_ego_m), 3), np.nan)
         else:
-            late_s = (image.time_ns - self._times_ns[step]) * 1e-9
-            pose = self._poses[step]
-            xyz_ego_m = at_time(
-                xyz_ego_m, velocity_mps, late_s, pose, pose_at(self._times_ns, self._poses, image.time_ns)
-            )
+            xyz_ego_m = at_picture(self._times_ns, self._poses, step, xyz_ego_m, velocity_mps, image)
         return view(camera, xyz_ego_m, stands, **self._limits)
+
+
+def at_picture(
+    times_ns: Sequence[int],
+    world_from_ego: Array,
+    step: int,
+    xyz_ego_m: Array,
+    velocity_mps: Array | None,
+    image: Image,
+) -> Floats:
+    """(n, 3) where the points of a sweep are when a picture is taken, in the car's axes of that time.
+
+    Args:
+        times_ns: (T,) when the frames of the drive were.
+        world_from_ego: (T, 4, 4) where the car was.
+        step: Which frame the points are of.
+        xyz_ego_m: (n, 3) the points.
+        velocity_mps: (n, 3) their motion over the ground; None lets them stand.
+        image: The picture.
+    """
+    late_s = (image.time_ns - times_ns[step]) * 1e-9
+    then = pose_at(times_ns, world_from_ego, image.time_ns)
+    return at_time(xyz_ego_m, velocity_mps, late_s, world_from_ego[step], then)
