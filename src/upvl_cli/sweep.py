@@ -11,7 +11,7 @@ from upvl_cli.errors import BadSetting, UpvlError
 from upvl_cli.runner import Made, Tick, claim_folder, make_shard
 from upvl_cli.stage import Stage
 from upvl_cli.stages import BY_NAME, DETECTING, LABELLING, STAGES
-from upvl_cli.workspace import WHOLE, Workspace, joined, write_if_changed
+from upvl_cli.workspace import WHOLE, Workspace, joined, preset_folder, write_if_changed
 
 
 def checked_preset(stages: Path, name: str) -> str:
@@ -20,11 +20,7 @@ def checked_preset(stages: Path, name: str) -> str:
     Raises:
         BadSetting: There is no such preset, or it holds a file that no stage knows.
     """
-    folder = stages / "presets" / name
-    if not folder.is_dir():
-        raise BadSetting(
-            f"{folder} is missing; a preset is a folder with the values that differ, a TOML file a stage"
-        )
+    folder = preset_folder(stages, name)
     try:
         paths = sorted(folder.iterdir())
     except OSError as error:

@@ -270,13 +270,22 @@ def preset_values(stages: Path, preset: str, stage: str) -> dict[str, Any]:
     if _AND in preset:
         parts = [preset_values(stages, part, stage) for part in preset.split(_AND)]
         return {name: value for part in parts for name, value in part.items()}
+    path = preset_folder(stages, preset) / f"{stage}.toml"
+    return read_toml(path) if os.path.lexists(path) else {}
+
+
+def preset_folder(stages: Path, preset: str) -> Path:
+    """Where the values of a preset stand.
+
+    Raises:
+        BadSetting: There is no such preset.
+    """
     folder = stages / "presets" / preset
     if not folder.is_dir():
         raise BadSetting(
             f"{folder} is missing; a preset is a folder with the values that differ, a TOML file a stage"
         )
-    path = folder / f"{stage}.toml"
-    return read_toml(path) if os.path.lexists(path) else {}
+    return folder
 
 
 def _preset_of(out: Path) -> str:

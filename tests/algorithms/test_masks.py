@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from upvl_cli.algorithms.masks import UNKNOWN, Background, moving, without_feature
+from upvl_cli.algorithms.masks import UNKNOWN, Background, background_of_tracks, moving, settled
 from upvl_cli.algorithms.open_vocabulary import Basis
 from upvl_cli.algorithms.views import NO_VIEW, OCCLUDED, SEEN
 
@@ -44,6 +44,25 @@ def test_background_is_compared_with_the_other_words_where_there_are_some() -> N
 
 def test_the_policy_for_points_without_a_feature() -> None:
     seen, fast = np.array([1, 0, UNKNOWN, UNKNOWN], np.int8), np.array([False, False, True, False])
-    assert without_feature(seen, fast, policy="keep").tolist() == [1, 0, UNKNOWN, UNKNOWN]
-    assert without_feature(seen, fast, policy="drop").tolist() == [1, 0, 1, 1]
-    assert without_feature(seen, fast, policy="moving").tolist() == [1, 0, UNKNOWN, 1]
+    assert settled(seen, fast, policy="keep").tolist() == [1, 0, UNKNOWN, UNKNOWN]
+    assert settled(seen, fast, policy="drop").tolist() == [1, 0, 1, 1]
+    assert settled(seen, fast, policy="moving").tolist() == [1, 0, UNKNOWN, 1]
+
+
+def test_what_moves_is_no_background_whatever_words_say() -> None:
+    seen, fast = np.array([1, 1, 0, UNKNOWN]), np.array([True, False, True, True])
+    assert settled(seen, fast, policy="keep").tolist() == [UNKNOWN, 1, 0, UNKNOWN]
+
+
+def test_a_track_is_as_much_background_as_its_points_of_all_frames() -> None:
+    none = -1
+    frames = [
+        # Track 7 has proposal 1 with two points of background and two others; track 9 coasts.
+        (np.array([1, 1, 0, 0, 1, UNKNOWN]), np.array([1, 1, 1, 1, none, 0]), np.array([1, none])),
+        # Track 7 has one more point, which is none; track 9 has a point of which nobody knows.
+        (np.array([0, UNKNOWN]), np.array([0, 1]), np.array([0, 1])),
+        (np.zeros(0, int), np.zeros(0, int), np.zeros(0, int)),
+    ]
+    share = background_of_tracks(np.array([7, 9, 7, 9]), frames)
+    np.testing.assert_allclose(share, [0.4, 0, 0.4, 0])
+    assert background_of_tracks(np.zeros(0, int), []).shape == (0,)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,15 +58,39 @@ class Background:
         return background_score(cosines[:, : len(self.words)], cosines[:, len(self.words) :])
 
 
-def without_feature(background: Ints, is_fast: Bools, *, policy: str) -> Ints:
-    """The mask with a decision on the points that no camera sees: neither background nor not, by what is seen.
+def settled(background: Ints, is_fast: Bools, *, policy: str) -> Ints:
+    """The mask with what words cannot tell: what moves is no background, and what no camera sees goes by a policy.
+
+    Words alone lost every cyclist of a real drive with small pictures (docs/log.md).
 
     Args:
         background: (n,) as of `Background.of`.
         is_fast: (n,) whether each moves.
-        policy: "drop" makes them background, "moving" those that stand; any other leaves them `UNKNOWN`.
+        policy: Of points without a feature: "drop" makes them background, "moving" those that stand; any other
+            leaves them `UNKNOWN`.
     """
     dropped = (background == UNKNOWN) & (policy in ("drop", "moving"))
     if policy == "moving":
         dropped &= ~is_fast
-    return np.where(dropped, np.int8(1), background)
+    claimed = (background == 1) & is_fast
+    return np.where(dropped, np.int8(1), np.where(claimed, np.int8(UNKNOWN), background))
+
+
+def background_of_tracks(track: Ints, frames: Iterable[tuple[Ints, Ints, Ints]]) -> Floats:
+    """(n,) share of background among the points of the track of each box, in all frames; 0 where nobody knows.
+
+    Args:
+        track: (n,) numbers of the tracks, of the boxes of all frames in order.
+        frames: Of each frame (p,) the state of its points, as of `Background.of`, (p,) the proposal that each
+            belongs to, -1 for none, and (b,) the proposal of each of its boxes, -1 for one that coasts.
+    """
+    known, hits = [np.zeros(0)], [np.zeros(0)]
+    for state, proposal, of_box in frames:
+        held = np.where(state >= 0, proposal, -1)
+        total = max(proposal.max(initial=-1), of_box.max(initial=-1)) + 1
+        # The last place is that of no proposal: a box that coasts has none, and some points neither.
+        for counts, chosen in ((known, held), (hits, np.where(state == 1, proposal, -1))):
+            counts.append(np.append(np.bincount(chosen[chosen >= 0], minlength=total), 0)[of_box])
+    _, number = np.unique(track, return_inverse=True)
+    points = np.bincount(number, np.concatenate(known))
+    return np.asarray((np.bincount(number, np.concatenate(hits)) / np.maximum(points, 1))[number])

@@ -79,20 +79,15 @@ def run(inputs: Inputs, params: AmodalParams) -> Iterator[LabelRow]:
 
 
 def _background(inputs: Inputs, track_id: Array) -> Array:
-    """(n,) share of background among the points of the track of each box, in all frames; 0 where nobody knows."""
-    import numpy as np
+    """(n,) share of background among the points of the track of each box, in all frames."""
+    from upvl_cli.algorithms.masks import background_of_tracks
 
     proposals, masks = inputs.table("propose"), inputs.table("mask")
-    known, hits = [np.zeros(0)], [np.zeros(0)]
-    for row in inputs.table("track"):
-        state, boxes = masks[row.frame].background, len(proposals[row.frame].seven)
-        box = np.where(state >= 0, proposals[row.frame].box_of_point, -1)
-        # The last place is that of no box: a coasting one has none, and some points neither.
-        for counts, chosen in ((known, box), (hits, np.where(state == 1, box, -1))):
-            counts.append(np.append(np.bincount(chosen[chosen >= 0], minlength=boxes), 0)[row.proposal])
-    _, number = np.unique(track_id, return_inverse=True)
-    total = np.bincount(number, np.concatenate(known))
-    return np.asarray((np.bincount(number, np.concatenate(hits)) / np.maximum(total, 1))[number])
+    frames = (
+        (masks[row.frame].background, proposals[row.frame].box_of_point, row.proposal)
+        for row in inputs.table("track")
+    )
+    return background_of_tracks(track_id, frames)
 
 
 def _sightings(inputs: Inputs, step: Array, track_id: Array) -> Iterator[tuple[Array, Sightings]]:

@@ -29,8 +29,8 @@ class MaskParams:
         "to the LiDAR; of its place, else it is kept; is kept; is kept if it moves; is background",
         choices=("alike", "remember", "keep", "moving", "drop"),
     )
-    no_view_mps: float = param(
-        "where that asks whether it moves: from this speed on", "m/s", least=0, most=200
+    moving_mps: float = param(
+        "from this speed on a point is no background, whatever words say", "m/s", least=0, most=200
     )
 
 
@@ -41,7 +41,7 @@ class MaskRow(Row):
     is_moving: Array = column("bool", "at least as fast as min_speed_mps", per="point")
     background: Array = column(
         "int8",
-        "1 background, 0 not, -1 not told: without a feature, and kept by the policy for those",
+        "1 background, 0 not, -1 not told: it moves, or has no feature and is kept by the policy for those",
         per="point",
     )
 
@@ -51,7 +51,7 @@ def run(inputs: Inputs, params: MaskParams) -> Iterator[MaskRow]:
     import numpy as np
 
     from upvl_cli.algorithms.alike import shapes
-    from upvl_cli.algorithms.masks import Background, moving, without_feature
+    from upvl_cli.algorithms.masks import Background, moving, settled
     from upvl_cli.algorithms.unseen import Sighting, Unseen
     from upvl_cli.geometry.se3 import apply
     from upvl_cli.parallel import in_order
@@ -70,7 +70,7 @@ def run(inputs: Inputs, params: MaskParams) -> Iterator[MaskRow]:
         xyz_m = drive.points(pose.frame).xyz_ego_m[above].astype(np.float64)
         return Sighting(
             rule.of(of.state, of.feature)[above],
-            moving(flows[pose.frame].flow_mps[above], min_speed_mps=params.no_view_mps),
+            moving(flows[pose.frame].flow_mps[above], min_speed_mps=params.moving_mps),
             apply(pose.world_from_ego, xyz_m),
             shapes(xyz_m, grounds[pose.frame].height_m[above]) if params.no_view == "alike" else None,
         )
@@ -84,9 +84,8 @@ def run(inputs: Inputs, params: MaskParams) -> Iterator[MaskRow]:
         background = rule.of(of.state, of.feature)
         if learns:
             background[~grounds[pose.frame].is_ground] = unseen.of(sighting(pose))
-        fast = moving(flows[pose.frame].flow_mps, min_speed_mps=params.no_view_mps)
-        background[fast & (background == 1)] = -1
-        return without_feature(background, fast, policy=params.no_view)
+        fast = moving(flows[pose.frame].flow_mps, min_speed_mps=params.moving_mps)
+        return settled(background, fast, policy=params.no_view)
 
     for pose, background in zip(poses, in_order(state, poses), strict=True):
         is_moving = moving(flows[pose.frame].flow_mps, min_speed_mps=params.min_speed_mps)
