@@ -64,7 +64,8 @@ def main() -> None:
                 _learn(folder, options.steps, distil, seed)
                 _scored(folder, f"detector, distil {distil:g}, seed {seed}", "detect")
         for on in () if options.moving_only else ("labels", "detections"):
-            _asked(folder, on)
+            for by in ("vote", "mean"):
+                _asked(folder, on, by)
 
 
 def _upvl(folder: Path, *arguments: str) -> None:
@@ -110,16 +111,23 @@ def _scored(folder: Path, name: str, stage: str) -> None:
     print("{:28} {:6.1f}  {:6.1f}  {:10.1f}  {:7.1f} ({:.1f}, {:.1f})".format(name, *figures), flush=True)
 
 
-def _asked(folder: Path, on: str) -> None:
-    """Print, for each phrase, how many things of that kind its hits find, and how many hits are on nothing of it."""
+def _asked(folder: Path, on: str, by: str) -> None:
+    """Print, for each phrase, how many things of that kind its hits find, and how many hits are on nothing of it.
+
+    Args:
+        folder: The workspace.
+        on: "labels" or "detections".
+        by: Whether the points of a box vote, or its mean feature is asked: an ablation of the paper.
+    """
     workspace, val = _val(folder)
     settings = params(workspace, {})
     source = LABELS[workspace.raw.dataset](Path(workspace.raw.root), workspace.dataset)
     labels = {name: source.labels(name) for name in val}
-    print(f"asked of {on}: boxes of the kind with 6 points or more found, and hits that are on another thing")
+    print(f"asked of {on}, by {by}: boxes of the kind with 6 points or more found, and hits on another thing")
     for phrase in ASKED:
         asked = question(workspace, of_phrases([phrase]), same=settings.same, anyway=False)
-        hits = find(store(workspace, on), asked, Filters(segments=val), threshold=settings.threshold).hits
+        filters = Filters(segments=val)
+        hits = find(store(workspace, on), asked, filters, threshold=settings.threshold, by=by).hits
         wanted = found = right = 0
         for name in val:
             truth = labels[name]
