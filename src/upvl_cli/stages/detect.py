@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from upvl_cli.rows import ObjectRow
 from upvl_cli.stage import Stage, param
@@ -33,12 +33,16 @@ class DetectParams:
     max_coast_s: float = param("a track ends when it has had no box for longer", "s", least=0, most=3600)
     max_gap_s: float = param("tracks this far apart in time can be one object", "s", least=0, most=3600)
     min_boxes: int = param("a track with fewer boxes is none", least=1, most=10**6)
+    refine: bool = param(
+        "correct each box by those of its track before and after: size, place, heading, score"
+    )
 
 
 def run(inputs: Inputs, params: DetectParams) -> Iterator[ObjectRow]:
     """Find boxes, and the features of the points inside of them, without a picture; join the boxes to tracks.
 
     A point in two boxes that overlap counts for both. A box of no track has no velocity, and the number -1.
+    Points are those of the box as it was found, before its track has corrected it.
     """
     import numpy as np
 
@@ -47,21 +51,21 @@ def run(inputs: Inputs, params: DetectParams) -> Iterator[ObjectRow]:
     (fitted,) = inputs.table("pca")
     poses = list(inputs.table("odometry"))
     found = [*_found(inputs, params)]
-    velocity_mps, track_id = _tracked(inputs, params, found)
+    tracked = _tracked(inputs, params, found)
     last = np.cumsum([len(boxes.seven) for boxes in found])
     for pose, boxes, end in zip(poses, found, last, strict=True):
         rows = slice(end - len(boxes.seven), end)
         codes = fitted.basis.rounded(boxes.feature)
         inputs.count("boxes", len(boxes.seven))
-        inputs.count("boxes in no track", (track_id[rows] < 0).sum())
+        inputs.count("boxes in no track", (tracked.track_id[rows] < 0).sum())
         yield ObjectRow(
             inputs.segment,
             pose.frame,
-            boxes.seven,
-            velocity_mps[rows],
+            tracked.seven[rows],
+            tracked.velocity_mps[rows],
             boxes.points,
-            boxes.score,
-            track_id[rows],
+            tracked.score[rows],
+            tracked.track_id[rows],
             time_ns=pose.time_ns,
             of_box=boxes.of_box,
             feature=codes,
@@ -104,36 +108,68 @@ def _found(inputs: Inputs, params: DetectParams) -> Iterator[Found]:
         )
 
 
-def _tracked(inputs: Inputs, params: DetectParams, found: list[Found]) -> tuple[Array, Array]:
-    """(b, 3) velocities in ego axes and (b,) tracks of the boxes of all frames, one after the other."""
+class _Tracked(NamedTuple):
+    """The boxes of all frames, one after the other.
+
+    Attributes:
+        seven: (b, 7) in ego axes.
+        velocity_mps: (b, 3) in ego axes; 0 for a box of no track.
+        score: (b,) from 0 to 1.
+        track_id: (b,) the number of each box's track, -1 for none.
+    """
+
+    seven: Array
+    velocity_mps: Array
+    score: Array
+    track_id: Array
+
+
+def _tracked(inputs: Inputs, params: DetectParams, found: list[Found]) -> _Tracked:
     from dataclasses import asdict
 
     import numpy as np
 
+    from upvl_cli.algorithms.refinement import refined
     from upvl_cli.algorithms.tracking import track
     from upvl_cli.geometry.boxes import transform
+    from upvl_cli.geometry.se3 import inverse
 
     poses = list(inputs.table("odometry"))
     counts = [len(boxes.seven) for boxes in found]
-    world = [transform(of.seven, pose.world_from_ego) for of, pose in zip(found, poses, strict=True)]
+    step = np.repeat(np.arange(len(found)), counts)
+    pairs = list(zip(found, poses, strict=True))
+    world = np.concatenate(
+        [*(transform(of.seven, pose.world_from_ego) for of, pose in pairs), np.zeros((0, 7))]
+    )
+    time_s = np.array([(pose.time_ns - poses[0].time_ns) * 1e-9 for pose in poses])
     values = asdict(params)
     tracks = track(
-        np.repeat(np.arange(len(found)), counts),
-        np.concatenate([*world, np.zeros((0, 7))]),
-        np.zeros((sum(counts), 3)),
-        np.array([(pose.time_ns - poses[0].time_ns) * 1e-9 for pose in poses]),
-        **{name: values[name] for name in values if name not in ("min_score", "max_boxes", "nms_iou")},
+        step,
+        world,
+        np.zeros((len(step), 3)),
+        time_s,
+        **{
+            name: values[name]
+            for name in values
+            if name not in ("min_score", "max_boxes", "nms_iou", "refine")
+        },
         # What stands still is kept.
         min_reach_m=0.0,
         min_follow=-np.inf,
     )
-    velocity_mps, track_id = np.zeros((sum(counts), 3)), np.full(sum(counts), -1)
+    velocity_mps, track_id = np.zeros((len(step), 3)), np.full(len(step), -1)
     own = tracks.box >= 0
     turn = np.array([pose.world_from_ego[:3, :3] for pose in poses])
     box = tracks.box[own]
     velocity_mps[box] = np.einsum("ni,nij->nj", tracks.velocity_mps[own], turn[tracks.frame[own]])
     track_id[box] = tracks.track[own]
-    return velocity_mps, track_id
+    score = np.concatenate([*(of.score for of in found), np.zeros(0)]).astype(np.float64)
+    if not params.refine:
+        seven = np.concatenate([*(of.seven for of in found), np.zeros((0, 7))])
+        return _Tracked(seven, velocity_mps, score, track_id)
+    better, sure = refined(world, score, track_id, time_s[step])
+    ego = [transform(better[step == n], inverse(pose.world_from_ego)) for n, pose in enumerate(poses)]
+    return _Tracked(np.concatenate([*ego, np.zeros((0, 7))]), velocity_mps, sure, track_id)
 
 
 STAGE = Stage(
@@ -142,4 +178,5 @@ STAGE = Stage(
     params=DetectParams,
     row=ObjectRow,
     reads=("raw", "odometry", "pca", "train"),
+    version=2,
 )
