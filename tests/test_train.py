@@ -113,13 +113,21 @@ def test_detections_have_tracks_features_and_scores(trained: Path) -> None:
     assert [row.frame for row in rows] == list(range(20))
     for row in rows:
         assert 0 < len(row.seven) <= 20
-        assert (np.diff(row.score) <= 0).all()
         assert (row.velocity_mps[row.track_id < 0] == 0).all()
         assert len(row.feature) == len(row.of_box) == row.points.sum()
-    tracked = np.concatenate([row.track_id for row in rows])
-    assert (tracked >= 0).any()
-    assert len(np.unique(tracked)) > 3
-    xyz = Workspace(trained / "stages", trained / "out").drive(SEGMENT).points(3).xyz_ego_m
+    track, seven = (np.concatenate([getattr(row, name) for row in rows]) for name in ("track_id", "seven"))
+    assert len(np.unique(track)) > 3
+    for number in np.unique(track[track >= 0]):
+        assert np.ptp(seven[track == number, 3:6], axis=0).max() == 0
+
+
+def test_each_frame_can_speak_for_itself(trained: Path, tmp_path: Path) -> None:
+    folder = copied(trained, tmp_path)
+    set_value(folder, "detect", "refine", "false")
+    assert upvl(folder, "detect").returncode == 0
+    rows = list(table(folder, "detect"))
+    assert all((np.diff(row.score) <= 0).all() for row in rows)
+    xyz = Workspace(folder / "stages", folder / "out").drive(SEGMENT).points(3).xyz_ego_m
     # Points on a face of a box can fall either way: heights above the road are rounded.
     inside = points_inside(xyz, rows[3].seven, margin_m=0.0).sum(axis=1)
     np.testing.assert_allclose(inside, rows[3].points, atol=2)
