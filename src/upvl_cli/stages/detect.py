@@ -94,13 +94,20 @@ def _found(inputs: Inputs, params: DetectParams) -> Iterator[Found]:
         drive.ground_z_m,
     )
 
-    def seen(place: int) -> Array:
-        return route.points(place, drive.points)
+    grounds = inputs.table("ground")
 
-    for points in in_order(seen, range(len(poses))):
+    def seen(place: int) -> tuple[Array, Array]:
+        """The points of a frame and of the one before it, and the ground below those of the frame."""
+        points, height_m = route.points(place, drive.points), grounds[poses[place].frame].height_m
+        floor_m = points[: len(height_m), :3].astype(np.float64)  # the frame's own points come first
+        floor_m[:, 2] -= height_m
+        return points, floor_m
+
+    for points, floor_m in in_order(seen, range(len(poses))):
         yield find(
             detector,
             points,
+            floor_m,
             drive.ground_z_m,
             min_score=params.min_score,
             max_boxes=params.max_boxes,
@@ -177,6 +184,6 @@ STAGE = Stage(
     run=run,
     params=DetectParams,
     row=ObjectRow,
-    reads=("raw", "odometry", "pca", "train"),
+    reads=("raw", "odometry", "ground", "pca", "train"),
     version=2,
 )
