@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from types import FrameType
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pytest
 
+from upvl_cli import tables
 from upvl_cli.errors import NotMade, UpvlError
 from upvl_cli.stage import Row, column
 from upvl_cli.tables import Table, read_footer, write
@@ -81,6 +86,43 @@ def test_a_failure_leaves_the_old_shard_and_no_part(tmp_path: Path) -> None:
         write(path, ThingRow, broken(), stamp="{}", counts={})
     assert path.read_bytes() == before
     assert [entry.name for entry in tmp_path.iterdir()] == ["drive.parquet"]
+
+
+# A Parquet writer that never came to be closed says so when it goes.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_ctrl_c_at_any_line_leaves_no_part(tmp_path: Path) -> None:
+    path = tmp_path / "drive.parquet"
+
+    def save_until(line: int) -> int:
+        """Save, with a Ctrl-C at this line of those that write a shard; how many lines there were."""
+        passed = 0
+
+        def trace(frame: FrameType, event: str, _: object) -> Callable[..., Any] | None:
+            nonlocal passed
+            if frame.f_code.co_filename != tables.__file__:
+                return None
+            if event == "line":
+                passed += 1
+                if passed == line:
+                    raise KeyboardInterrupt
+            return trace
+
+        before = sys.gettrace()
+        sys.settrace(trace)
+        try:
+            save(path, thing(1, 5))
+        finally:
+            sys.settrace(before)
+        return passed
+
+    lines = save_until(0)
+    whole = path.read_bytes()
+    for line in range(1, lines + 1):
+        path.unlink(missing_ok=True)
+        with pytest.raises(KeyboardInterrupt):
+            save_until(line)
+        left = {entry.name: entry.read_bytes() for entry in tmp_path.iterdir()}
+        assert left in ({}, {"drive.parquet": whole}), f"line {line} of {lines}"
 
 
 def test_what_a_killed_run_left_is_written_over(tmp_path: Path) -> None:

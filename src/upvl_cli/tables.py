@@ -69,10 +69,9 @@ def write(
     with whole(path) as file:
         if not needed():
             raise _NotNeeded
-        writer = pq.ParquetWriter(
+        with pq.ParquetWriter(
             file, schema, compression="zstd", use_dictionary=False, write_page_checksum=True
-        )
-        with writer:
+        ) as writer:
             written = 0
             for item in rows:
                 writer.write_batch(_batch(item, schema))
@@ -103,15 +102,11 @@ def whole(path: Path) -> Iterator[IO[bytes]]:
             raise UpvlError(f"{place} is a folder where a file belongs; remove it")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with _locked(part) as file:
-            try:
-                yield file
-                file.flush()
-                os.fsync(file.fileno())
-                part.replace(path)
-            except BaseException:
-                part.unlink(missing_ok=True)
-                raise
+        with _removed_on_failure(part), _locked(part) as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+            part.replace(path)
     except _NotNeeded:
         return
     except OSError as error:
@@ -127,14 +122,30 @@ def _locked(part: Path) -> Iterator[IO[bytes]]:
     while True:
         if part.is_symlink() or (part.exists() and not _ours(part.stat())):
             part.unlink()  # a link or a pipe: writing would end up elsewhere
-        file = os.fdopen(os.open(part, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666), "r+b")
-        fcntl.flock(file, fcntl.LOCK_EX)
-        if part.exists() and part.stat().st_ino == os.fstat(file.fileno()).st_ino:
-            break
-        file.close()  # the one that held it has moved it into place
-    with file:
-        file.truncate(0)
-        yield file
+        with os.fdopen(os.open(part, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666), "r+b") as file:
+            fcntl.flock(file, fcntl.LOCK_EX)
+            if _is_at(file, part):
+                file.truncate(0)
+                yield file
+                return
+        # the one that held it has moved it into place
+
+
+@contextlib.contextmanager
+def _removed_on_failure(part: Path) -> Iterator[None]:
+    """Removes the part file after an error or a Ctrl-C at any moment, unless another process holds it."""
+    try:
+        yield
+    except BaseException:
+        with contextlib.suppress(OSError), part.open("r+b") as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if _is_at(file, part):
+                part.unlink()
+        raise
+
+
+def _is_at(file: IO[bytes], path: Path) -> bool:
+    return path.exists() and path.stat().st_ino == os.fstat(file.fileno()).st_ino
 
 
 def _ours(found: os.stat_result) -> bool:
