@@ -185,13 +185,6 @@ def test_other_settings_of_the_city_make_its_shards_stale(tmp_path: Path) -> Non
     )
 
 
-def test_workers_make_the_same_bytes(labelled: Path, tmp_path: Path) -> None:
-    folder = make_workspace(tmp_path)
-    done = upvl(folder, "autolabel", "--moving-only", "--workers", "2")
-    assert done.returncode == 0, done.stderr
-    assert shards(folder) == shards(labelled)
-
-
 @pytest.mark.slow
 def test_make_makes_the_same_bytes_and_then_nothing(labelled: Path, tmp_path: Path) -> None:
     folder = make_workspace(tmp_path)
@@ -256,12 +249,18 @@ def test_a_footer_that_is_no_stamp_is_remade(copy: Path) -> None:
     assert path.read_bytes() == before
 
 
-def test_two_runs_at_once_share_the_work(tmp_path: Path) -> None:
+def test_runs_at_once_and_workers_share_the_work_and_make_the_same_bytes(
+    labelled: Path, tmp_path: Path
+) -> None:
     folder = make_workspace(tmp_path)
-    runs = [subprocess.Popen([UPVL, "autolabel", "--moving-only"], cwd=folder, stdout=subprocess.DEVNULL,
-                             stderr=subprocess.PIPE) for _ in range(2)]  # fmt: skip
+    runs = [
+        subprocess.Popen([UPVL, "autolabel", "--moving-only", "--workers", workers], cwd=folder,
+                         stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+        for workers in ("1", "2")
+    ]  # fmt: skip
     assert [run.wait(timeout=300) for run in runs] == [0, 0]
     assert len((folder / "out" / "runs.jsonl").read_text().splitlines()) == len(LABELLING)
+    assert shards(folder) == shards(labelled)
 
 
 def test_a_part_file_that_leads_elsewhere_is_not_followed(copy: Path, tmp_path: Path) -> None:
