@@ -174,9 +174,12 @@ def test_synth_draws_made_up_frames(tmp_path: Path, labelled: Path) -> None:
     assert "fire truck: fire engine, " in upvl(made_up, "synth", "kinds").stdout
 
 
-def test_other_settings_of_the_city_make_its_shards_stale(tmp_path: Path) -> None:
+def test_other_settings_of_the_city_make_its_shards_stale_but_another_drive_does_not(tmp_path: Path) -> None:
     made_up = make_workspace(tmp_path, raw__dataset='"synthetic"', synthetic__frames="2")
     assert upvl(made_up, "odometry").returncode == 0
+    set_value(made_up, "synthetic", "val", "1")
+    assert upvl(made_up, "odometry", "--segment", "train-000").stdout == ""
+    assert "segment=val-000" in upvl(made_up, "odometry").stdout
     set_value(made_up, "synthetic", "seed", "1")
     assert "stale" in upvl(made_up, "status").stdout
     set_value(made_up, "synthetic", "held_out", '["fire trucks"]')

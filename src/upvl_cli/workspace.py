@@ -184,8 +184,8 @@ class Workspace:
         made_from = {
             name: footer_digest(path) for name, path in sources if name.partition("/")[0] not in NO_STAGES
         }
-        drives = self.segments if stage.whole else (segment,)
-        raw = {"raw": self._adapter() | {"content": self._content(drives)}}
+        content = self._content_of_all() if stage.whole else self._contents(segment).digest
+        raw = {"raw": self._adapter() | {"content": content}}
         return _text(self._makers(stage, settings) | raw | {"inputs": made_from})
 
     def sources(self, stage: Stage, segment: str) -> list[tuple[str, Path]]:
@@ -215,7 +215,7 @@ class Workspace:
 
     def _adapter(self) -> dict[str, Any]:
         adapter = {"dataset": self.raw.dataset, "version": self.dataset.version}
-        return adapter | ({"values": asdict(self._dataset_settings)} if self._dataset_settings else {})
+        return adapter | ({"values": self._dataset_settings.of_a_drive()} if self._dataset_settings else {})
 
     @cached_property
     def model_stamp(self) -> dict[str, Any]:
@@ -235,12 +235,10 @@ class Workspace:
         """The adapter and a digest of the content of the drive's files, as JSON."""
         return _text(self._adapter() | {"content": self._contents(segment).digest})
 
-    def _content(self, drives: tuple[str, ...]) -> Any:
-        """The digest of a drive, or of each of several; one that cannot be read has none."""
-        if len(drives) == 1:
-            return self._contents(drives[0]).digest
+    def _content_of_all(self) -> dict[str, str]:
+        """The digest of each drive; one that cannot be read has none."""
         digests = {}
-        for drive in drives:
+        for drive in self.segments:
             with contextlib.suppress(BadInput):
                 digests[drive] = self._contents(drive).digest
         return digests

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from upvl_cli.stage import param
 
@@ -32,3 +33,7 @@ class CityParams:
     rolling_s: float = param(
         "time between the exposure of the first and the last row of a picture", "s", least=0, most=0.1
     )
+
+    def of_a_drive(self) -> dict[str, Any]:
+        """Those that make a drive what it is; how many others there are does not."""
+        return {name: value for name, value in asdict(self).items() if name not in SPLITS}
