@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from upvl_cli.detector.batch import Grid
 from upvl_cli.detector.sweeps import Route, scene
@@ -77,3 +78,18 @@ def test_features_are_learned_from_a_sample_of_the_points() -> None:
     assert len(one.seen) == len(np.unique(one.seen)) == 8192
     assert (one.seen != other.seen).any()
     np.testing.assert_array_equal(one.feature[:, 0], one.seen % 100)
+
+
+def test_half_of_the_features_are_those_of_objects_however_small() -> None:
+    points = np.zeros((20_000, 6), dtype=np.float32)
+    points[:, 0] = np.linspace(-5, 5, len(points))
+    points[:100, 1], points[100:110, 1] = 10, -10  # two objects, of 100 points and of 10
+    boxes = np.array([[0.0, y, 0, 20, 1, 1, 0] for y in (10, -10)])
+    codes = np.zeros((len(points), 64), np.int8)
+    whole = scene(points, np.arange(len(points)), codes, boxes, np.zeros((2, 3)))
+    sample = whole.sample(GRID, lambda c: c * 1.0, np.random.default_rng(0))
+    assert len(sample.seen) == 8192
+    assert (np.diff(sample.seen) >= 0).all()
+    large, small = (sample.seen < 100).sum(), ((sample.seen >= 100) & (sample.seen < 110)).sum()
+    assert large + small == pytest.approx(4096 + 4096 * 110 / 20_000, abs=20)
+    assert large / small == pytest.approx(np.sqrt(10), rel=0.1)

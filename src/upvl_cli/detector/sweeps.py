@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from upvl_cli.detector.batch import Grid, Sample
+from upvl_cli.geometry.boxes import pairs_inside
 from upvl_cli.geometry.se3 import apply, inverse
 from upvl_cli.types import Array, Floats, Ints, Points
 
@@ -97,12 +98,22 @@ class Scene:
             rng: Chance, which chooses the points whose features are learned from.
         """
         inside = grid.holds(self.points)
-        code_of = self.code_of[inside]
-        seen = np.flatnonzero(code_of >= 0)
-        if len(seen) > _LEARNED_FEATURES:
-            seen = np.sort(rng.choice(seen, _LEARNED_FEATURES, replace=False, shuffle=False))
-        feature = values(self.codes[code_of[seen]])
+        learned = self._learned(np.flatnonzero(inside & (self.code_of >= 0)), rng)
+        feature = values(self.codes[self.code_of[learned]])
+        seen = (np.cumsum(inside) - 1)[learned]
         return Sample(self.points[inside].astype(np.float32, copy=False), self.boxes, seen, feature)
+
+    def _learned(self, seen: Ints, rng: np.random.Generator) -> Ints:
+        """Return some of the points, ascending: half of them in boxes, where there are any, and half anywhere.
+
+        Small things have few points and would hardly count. A box counts as the root of its points, by repetition.
+        """
+        box, held = pairs_inside(self.points[seen, :3], self.boxes, margin_m=0.0)
+        each = 1 / np.sqrt(np.bincount(box)[box])
+        in_boxes = rng.choice(seen[held], _LEARNED_FEATURES // 2, p=each / each.sum()) if len(held) else held
+        rest = _LEARNED_FEATURES - len(in_boxes)
+        anywhere = rng.choice(seen, rest, replace=False, shuffle=False) if len(seen) > rest else seen
+        return np.sort(np.concatenate([in_boxes, anywhere]))
 
 
 def scene(points: Array, seen: Ints, codes: Ints, boxes: Floats, velocity_mps: Floats) -> Scene:
