@@ -12,7 +12,8 @@ from command import make_workspace, set_value
 from upvl_cli.errors import NotMade
 from upvl_cli.inputs import Inputs
 from upvl_cli.stages import BY_NAME, STAGES
-from upvl_cli.workspace import Workspace, difference, write_if_changed
+from upvl_cli.stamps import difference
+from upvl_cli.workspace import Workspace, write_if_changed
 
 
 @pytest.fixture

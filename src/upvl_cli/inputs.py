@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from upvl_cli.errors import BadInput
+from upvl_cli.errors import BadInput, BadSetting
 from upvl_cli.stage import Stage
 from upvl_cli.stages import BY_NAME
 from upvl_cli.tables import Table
@@ -56,7 +56,7 @@ class Inputs:
     def drives(self) -> Iterator[Drive]:
         """All drives, for a stage that is made once for all of them; one that cannot be read is counted."""
         self._check("raw")
-        for segment in self._workspace.segments:
+        for segment in self.segments:
             try:
                 yield self._workspace.drive(segment)
             except BadInput:
@@ -64,8 +64,16 @@ class Inputs:
 
     @property
     def segments(self) -> tuple[str, ...]:
-        """Names of all drives, for a stage that is made once for all of them."""
-        return self._workspace.segments
+        """Names of the drives, for a stage that is made once for all of them.
+
+        Raises:
+            BadSetting: The stage's setting `drives` leaves none.
+        """
+        names = self._workspace.drives_of(self._stage, self._settings)
+        if not names:
+            asked = ", ".join(self._settings.drives) or "none"
+            raise BadSetting(f"{self._stage.name}: no drive has a name like {asked}; see: upvl segments")
+        return names
 
     def sweeps(self, segment: str) -> Sweeps:
         """The sweeps of a drive in any order, for a stage that reads each of them many times."""
@@ -99,7 +107,7 @@ class Inputs:
         """
         self._check(name)
         source = name if segment is None else f"{name}/{segment}"
-        path = dict(self._workspace.sources(self._stage, self.segment))[source]
+        path = dict(self._workspace.sources(self._stage, self.segment, self._settings))[source]
         return Table(path, BY_NAME[name].row)
 
     def count(self, reason: str, items: int) -> None:

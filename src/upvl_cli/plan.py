@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from upvl_cli.datasets.city.settings import CityParams
@@ -25,21 +25,22 @@ def plan(workspace: Workspace) -> Path:
     for stage in STAGES:
         write_if_changed(workspace.out / f"{stage.name}.stamp", workspace.stage_stamp(stage))
     path = workspace.out / "rules.mk"
-    write_if_changed(path, rules(STAGES, workspace.segments))
+    drives = {stage.name: workspace.drives_of(stage) for stage in STAGES if stage.whole}
+    write_if_changed(path, rules(STAGES, workspace.segments, drives))
     return path
 
 
-def rules(stages: Sequence[Stage], segments: Sequence[str]) -> str:
+def rules(stages: Sequence[Stage], segments: Sequence[str], drives: Mapping[str, Sequence[str]]) -> str:
     """The rules: one for each stage, over all segments.
 
     Args:
         stages: The stages, in order.
         segments: Names that are safe as words of make.
+        drives: What each stage that is made once is made from.
     """
     lines = ["# Made by: upvl plan", f"SEGMENTS := {' '.join(segments)}", ""]
-    whole = {stage.name for stage in stages if stage.whole}
     for stage in stages:
-        lines += [f".PHONY: {stage.name}", *_rule(stage, whole), ""]
+        lines += [f".PHONY: {stage.name}", *_rule(stage, drives), ""]
     # Shards of middle stages are what a resumed run starts from: make must delete none, nor any on Ctrl-C.
     shards = " ".join(f"$(OUT)/{stage.name}/%.parquet" for stage in stages)
     labels = " ".join(stage.name for stage in LABELLING)
@@ -47,16 +48,20 @@ def rules(stages: Sequence[Stage], segments: Sequence[str]) -> str:
     return "\n".join(lines)
 
 
-def _rule(stage: Stage, whole: set[str]) -> list[str]:
-    """The rule of one stage; `whole` names those that are made once for all drives."""
+def _rule(stage: Stage, drives: Mapping[str, Sequence[str]]) -> list[str]:
+    """The rule of one stage; `drives` are those of each stage that is made once."""
 
     def source(name: str) -> str:
         if name == "vlm":
             return "$(OUT)/vlm.stamp"
-        if name in whole:
+        if name in drives:
             return f"$(OUT)/{name}/{WHOLE}.parquet"
         of_drive = f"$(OUT)/{name}/%.{'stamp' if name == 'raw' else 'parquet'}"
-        return f"$(SEGMENTS:%={of_drive})" if stage.whole else of_drive
+        return (
+            " ".join(of_drive.replace("%", drive) for drive in drives[stage.name])
+            if stage.whole
+            else of_drive
+        )
 
     made_from = " ".join([f"$(OUT)/{stage.name}.stamp", *map(source, stage.reads)])
     if stage.whole:

@@ -22,8 +22,9 @@ from upvl_cli.inputs import Inputs
 from upvl_cli.parallel import THREADS_VARIABLE, prepare_worker, threads
 from upvl_cli.stage import Row, Stage
 from upvl_cli.stages import BY_NAME
+from upvl_cli.stamps import difference
 from upvl_cli.tables import read_footer, write
-from upvl_cli.workspace import NO_STAGES, WHOLE, Workspace, difference, write_if_changed
+from upvl_cli.workspace import NO_STAGES, WHOLE, Workspace, write_if_changed
 
 Tick = Callable[[], None]
 
@@ -94,8 +95,8 @@ def make_shard(workspace: Workspace, stage: Stage, segment: str, settings: Any, 
     Raises:
         NotMade: An input is missing or was made with other settings.
     """
-    _mark_given(workspace, stage, segment)
-    _check_inputs(workspace, stage, segment)
+    _mark_given(workspace, stage, segment, settings)
+    _check_inputs(workspace, stage, segment, settings)
     path = workspace.shard(stage.name, segment)
 
     def is_stale() -> bool:
@@ -170,11 +171,11 @@ def _checked(rows: Iterator[Row], segment: str, tick: Tick) -> Iterator[Row]:
         tick()
 
 
-def _mark_given(workspace: Workspace, stage: Stage, segment: str) -> None:
+def _mark_given(workspace: Workspace, stage: Stage, segment: str, settings: Any) -> None:
     """Write the marks of what no stage makes."""
     if "vlm" in stage.reads:
         workspace.mark_model()
-    for drive in workspace.segments if stage.whole else (segment,):
+    for drive in workspace.drives_of(stage, settings) if stage.whole else (segment,):
         try:
             workspace.mark_raw(drive)
         except UpvlError:
@@ -182,8 +183,8 @@ def _mark_given(workspace: Workspace, stage: Stage, segment: str) -> None:
                 raise
 
 
-def _check_inputs(workspace: Workspace, stage: Stage, segment: str) -> None:
-    for source, path in workspace.sources(stage, segment):
+def _check_inputs(workspace: Workspace, stage: Stage, segment: str, settings: Any) -> None:
+    for source, path in workspace.sources(stage, segment, settings):
         name, _, drive = source.partition("/")
         if name in NO_STAGES:
             continue

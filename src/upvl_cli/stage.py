@@ -115,7 +115,8 @@ class Stage:
         params: Dataclass whose fields are `param`s.
         row: Dataclass, child of `Row`, whose fields are `column`s.
         reads: Names of the stages it may open; `raw` is the drive itself, `vlm` the vision-language model.
-        whole: Made once for all drives together, as one shard, and not once a segment.
+        whole: Made once for all drives together, as one shard, and not once a segment. Where `params` has a field
+            `drives`, it is made from those whose names are like one of these patterns.
         shared: Several processes of `torchrun` can make a shard together.
         large: Its shards are: `--dry-run` foretells their size.
         version: Raised by hand when the code gives other rows for equal values.

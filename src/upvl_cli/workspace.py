@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import difflib
-import json
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from fnmatch import fnmatchcase
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +19,7 @@ from upvl_cli.errors import BadInput, BadSetting
 from upvl_cli.settings import load, read_toml
 from upvl_cli.stage import Stage, param
 from upvl_cli.stages import BY_NAME
+from upvl_cli.stamps import text_of
 from upvl_cli.vlm import adapter
 
 if TYPE_CHECKING:
@@ -174,21 +175,31 @@ class Workspace:
 
     def stage_stamp(self, stage: Stage, settings: Any = None) -> str:
         """What makes the shards of a stage, other than the drives: its settings and those before it."""
-        return _text(self._makers(stage, settings))
+        return text_of(self._makers(stage, settings))
 
     def shard_stamp(self, stage: Stage, segment: str, settings: Any = None) -> str:
         """What makes one shard: as `stage_stamp`, with the content of the drive and of the shards it reads."""
         from upvl_cli.tables import footer_digest
 
-        sources = self.sources(stage, segment)
+        sources = self.sources(stage, segment, settings)
         made_from = {
             name: footer_digest(path) for name, path in sources if name.partition("/")[0] not in NO_STAGES
         }
-        content = self._content_of_all() if stage.whole else self._contents(segment).digest
+        content = (
+            self._content_of(self.drives_of(stage, settings))
+            if stage.whole
+            else self._contents(segment).digest
+        )
         raw = {"raw": self._adapter() | {"content": content}}
-        return _text(self._makers(stage, settings) | raw | {"inputs": made_from})
+        return text_of(self._makers(stage, settings) | raw | {"inputs": made_from})
 
-    def sources(self, stage: Stage, segment: str) -> list[tuple[str, Path]]:
+    def drives_of(self, stage: Stage, settings: Any = None) -> tuple[str, ...]:
+        """The drives that the one shard of a whole stage is made from."""
+        values = self.settings(stage) if settings is None else settings
+        globs = getattr(values, "drives", ("*",))
+        return tuple(name for name in self.segments if any(fnmatchcase(name, glob) for glob in globs))
+
+    def sources(self, stage: Stage, segment: str, settings: Any = None) -> list[tuple[str, Path]]:
         """What a shard is made from: the name of each input, with its drive's where there are several, and its path."""
         found: list[tuple[str, Path]] = []
         for name in stage.reads:
@@ -197,7 +208,9 @@ class Workspace:
             elif name != "raw" and BY_NAME[name].whole:
                 found.append((name, self.shard(name, WHOLE)))
             elif stage.whole:
-                found += [(f"{name}/{drive}", self.shard(name, drive)) for drive in self.segments]
+                found += [
+                    (f"{name}/{drive}", self.shard(name, drive)) for drive in self.drives_of(stage, settings)
+                ]
             else:
                 found.append((name, self.shard(name, segment)))
         return found
@@ -229,16 +242,16 @@ class Workspace:
 
     def mark_model(self) -> None:
         """Write `out/vlm.stamp`, which make compares, where the model is another one."""
-        write_if_changed(self.out / "vlm.stamp", _text(self.model_stamp))
+        write_if_changed(self.out / "vlm.stamp", text_of(self.model_stamp))
 
     def raw_stamp(self, segment: str) -> str:
         """The adapter and a digest of the content of the drive's files, as JSON."""
-        return _text(self._adapter() | {"content": self._contents(segment).digest})
+        return text_of(self._adapter() | {"content": self._contents(segment).digest})
 
-    def _content_of_all(self) -> dict[str, str]:
+    def _content_of(self, drives: Sequence[str]) -> dict[str, str]:
         """The digest of each drive; one that cannot be read has none."""
         digests = {}
-        for drive in self.segments:
+        for drive in drives:
             with contextlib.suppress(BadInput):
                 digests[drive] = self._contents(drive).digest
         return digests
@@ -311,30 +324,3 @@ def write_if_changed(path: Path, text: str) -> bool:
     with whole(path) as file:
         file.write(content)
     return True
-
-
-def difference(old: str, new: str) -> str:
-    """Which values differ between two stamps, in words; those of the inputs only where no value does."""
-    before, after = _flat(old), _flat(new)
-    names = [name for name in sorted(before | after) if before.get(name) != after.get(name)]
-    values = [name for name in names if name != "raw.content" and not name.startswith("inputs.")]
-    told = [f"{name} {before.get(name, 'none')} -> {after.get(name, 'none')}" for name in values]
-    if "raw.content" in names:
-        told.append("the drive's files have changed")
-    return ", ".join(told or [f"{name.removeprefix('inputs.')} was made anew" for name in names])
-
-
-def _flat(stamp: str) -> dict[str, Any]:
-    """The values of a stamp by `stage.name`; nothing of one that is no stamp."""
-    flat: dict[str, Any] = {}
-    try:
-        for stage, maker in json.loads(stamp).items():
-            values = maker.get("values", {}) | {key: value for key, value in maker.items() if key != "values"}
-            flat |= {f"{stage}.{name}": value for name, value in values.items()}
-    except (ValueError, AttributeError, TypeError, RecursionError):
-        return {}
-    return flat
-
-
-def _text(stamp: Mapping[str, Any]) -> str:
-    return json.dumps(stamp, sort_keys=True, allow_nan=False)

@@ -21,7 +21,6 @@ from upvl_cli.evaluation.score import detection_scores, named_scores, track_scor
 from upvl_cli.runner import Made
 from upvl_cli.settings import load
 from upvl_cli.stages import BY_NAME, DETECTING, LABELLING
-from upvl_cli.stages.train import learned_from
 from upvl_cli.sweep import learn, make, preset_workspace
 from upvl_cli.workspace import Workspace, write_if_changed
 
@@ -92,7 +91,7 @@ def scored_drives(workspace: Workspace, *, detectors: bool) -> list[str]:
         BadSetting: The detectors would learn from all of those.
     """
     named = list(labelled(workspace)[1])
-    learned = learned_from(workspace.settings(BY_NAME["train"]), workspace.segments) if detectors else []
+    learned = workspace.drives_of(BY_NAME["train"]) if detectors else ()
     left = [name for name in named if name not in learned]
     if not left:
         raise BadSetting(

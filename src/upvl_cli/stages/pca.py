@@ -18,8 +18,9 @@ if TYPE_CHECKING:
 class PcaParams:
     """Settings of `pca`."""
 
+    drives: tuple[str, ...] = param('names of the drives to fit it to, with * for anything: "train-*"')
     images: int = param(
-        "pictures to fit it to, spread over all drives; 0 where no picture is used", least=0, most=10**6
+        "pictures to fit it to, spread over those drives; 0 where no picture is used", least=0, most=10**6
     )
     cells: int = param("features of each picture that it is fitted to", least=64, most=10**6)
 
@@ -42,7 +43,7 @@ class PcaRow(Row):
 
 
 def run(inputs: Inputs, params: PcaParams) -> Iterator[PcaRow]:
-    """Fit the 64 values that are kept of a feature to a sample of all drives."""
+    """Fit the 64 values that are kept of a feature to a sample of the drives."""
     from functools import partial
 
     import numpy as np

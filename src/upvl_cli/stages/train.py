@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -90,13 +90,6 @@ def grid_of(grid_m: Array | tuple[float, ...], pillar_m: float) -> Grid:
     return Grid((x0, x1), (y0, y1), (z0, z1), pillar_m)
 
 
-def learned_from(params: TrainParams, segments: Sequence[str]) -> list[str]:
-    """The drives whose names are asked for."""
-    from fnmatch import fnmatchcase
-
-    return [name for name in segments if any(fnmatchcase(name, glob) for glob in params.drives)]
-
-
 def run(inputs: Inputs, params: TrainParams) -> Iterator[TrainRow]:
     """Learn a detector from the auto labels; it goes on from where a stopped run was."""
     import numpy as np
@@ -168,7 +161,7 @@ def _frames(inputs: Inputs, params: TrainParams, grid: Grid, basis: Basis, here:
     from upvl_cli.detector.frames import DriveFrames
     from upvl_cli.errors import BadSetting
 
-    chosen = learned_from(params, inputs.segments)
+    chosen = inputs.segments
     lengths = {name: len(inputs.table("odometry", name)) for name in chosen}
     if here.rank == 0:
         for name in chosen:
@@ -184,9 +177,7 @@ def _frames(inputs: Inputs, params: TrainParams, grid: Grid, basis: Basis, here:
         seed=params.seed,
     )
     if not frames.train:
-        raise BadSetting(
-            f"train: no drive has a name like {', '.join(params.drives) or 'none'}; see: upvl segments"
-        )
+        raise BadSetting("train: held_out leaves no frame to learn from; lower it, or add drives")
     inputs.count("frames learned from", frames.train)
     inputs.count("frames held out", frames.held_out)
     return frames
@@ -236,4 +227,5 @@ STAGE = Stage(
     reads=("raw", "odometry", "pca", "extract-vl", "nms"),
     whole=True,
     shared=True,
+    version=2,
 )

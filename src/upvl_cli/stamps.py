@@ -1,0 +1,35 @@
+"""What made a shard, as JSON: equal where the same code made it from the same content with the same values."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+
+def text_of(stamp: Mapping[str, Any]) -> str:
+    """The stamp as it stands in a footer, the same for equal values."""
+    return json.dumps(stamp, sort_keys=True, allow_nan=False)
+
+
+def difference(old: str, new: str) -> str:
+    """Which values differ between two stamps, in words; those of the inputs only where no value does."""
+    before, after = _flat(old), _flat(new)
+    names = [name for name in sorted(before | after) if before.get(name) != after.get(name)]
+    values = [name for name in names if name != "raw.content" and not name.startswith("inputs.")]
+    told = [f"{name} {before.get(name, 'none')} -> {after.get(name, 'none')}" for name in values]
+    if "raw.content" in names:
+        told.append("the drive's files have changed")
+    return ", ".join(told or [f"{name.removeprefix('inputs.')} was made anew" for name in names])
+
+
+def _flat(stamp: str) -> dict[str, Any]:
+    """The values of a stamp by `stage.name`; nothing of one that is no stamp."""
+    flat: dict[str, Any] = {}
+    try:
+        for stage, maker in json.loads(stamp).items():
+            values = maker.get("values", {}) | {key: value for key, value in maker.items() if key != "values"}
+            flat |= {f"{stage}.{name}": value for name, value in values.items()}
+    except (ValueError, AttributeError, TypeError, RecursionError):
+        return {}
+    return flat
