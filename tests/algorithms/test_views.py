@@ -11,6 +11,7 @@ from upvl_cli.algorithms.views import (
     OCCLUDED,
     SEEN,
     View,
+    _behind,
     at_time,
     best,
     sampled,
@@ -74,6 +75,23 @@ def test_the_border_and_what_is_behind_the_camera_are_no_view() -> None:
         [[10.0, 0, 0], [-10, 0, 0], [10, 6.38, 0], [10, 7, 0]]
     )  # the third: one pixel from the edge
     assert states(xyz).tolist() == [SEEN, NO_VIEW, NO_VIEW, NO_VIEW]
+
+
+def test_ground_behind_what_stands_as_told_row_by_row() -> None:
+    rng = np.random.default_rng(0)
+    for points in (1, 40, 4000):
+        uv_px = rng.uniform((0, 0), (300, 200), (points, 2))
+        depth_m, stands = rng.uniform(0.5, 80, points), rng.random(points) < 0.5
+        column, row = ((uv_px + 0.5) / 2).astype(int).T
+        nearest = np.full((101, 151), np.inf)
+        for place in np.flatnonzero(stands):
+            reach = int(500 / depth_m[place] / 2)
+            cells = nearest[
+                max(row[place] - reach, 0) : row[place] + 1, max(column[place] - 1, 0) : column[place] + 2
+            ]
+            np.minimum(cells, depth_m[place], out=cells)
+        expected = ~stands & (nearest[row, column] < 0.7 * depth_m)
+        np.testing.assert_array_equal(_behind(uv_px, depth_m, stands, 500), expected)
 
 
 def test_no_points() -> None:

@@ -62,9 +62,12 @@ def view(
         glass_m: What stands hides the ground for this much above its points.
     """
     uv, depth_m, inside = project(camera, xyz_ego_m)
-    size_px = np.array([camera.width_px, camera.height_px])
-    inset = np.minimum(uv + 0.5, size_px - 0.5 - uv).min(axis=1)
-    inset = np.where(np.isfinite(inset), inset, -np.inf)
+    across, down = (
+        np.minimum(place + 0.5, size - 0.5 - place)
+        for place, size in zip(uv.T, (camera.width_px, camera.height_px), strict=True)
+    )
+    inset = np.minimum(across, down)
+    inset[np.isnan(inset)] = -np.inf
     inside &= inset >= border_px
     state = np.full(len(uv), NO_VIEW, dtype=np.int8)
     state[inside] = SEEN
@@ -90,8 +93,8 @@ def _surrounded(uv_px: Floats, depth_m: Floats, limit_m: Floats, gap_px: float) 
         around = minimum_filter1d(nearest, 3, axis=1 - axis, mode="constant", cval=np.inf)
         sides = [_before(around, reach, axis), np.flip(_before(np.flip(around, axis), reach, axis), axis)]
         closer = [side[row, column] for side in sides]
-        hidden |= np.all([side < limit_m for side in closer], axis=0)
-        hidden |= np.any([side < _FAR_CLOSER * depth_m for side in closer], axis=0)
+        hidden |= np.maximum(*closer) < limit_m
+        hidden |= np.minimum(*closer) < _FAR_CLOSER * depth_m
     return hidden
 
 
@@ -106,13 +109,28 @@ def _behind(uv_px: Floats, depth_m: Floats, stands: Bools, glass_px_m: float) ->
     if not stands.any():
         return np.zeros(len(uv_px), dtype=np.bool_)
     column, row = _cell(uv_px)
-    nearest = np.full((row.max() + 1, column.max() + 2), np.inf)
-    reach = np.where(stands, glass_px_m / depth_m / _CELL_PX, -1).astype(np.int64)
-    for step in range(reach.max() + 1):
-        some = np.flatnonzero((reach >= step) & (row >= step))
-        np.minimum.at(nearest, (row[some] - step, column[some]), depth_m[some])
+    up = np.minimum(glass_px_m / depth_m / _CELL_PX, row).astype(np.int64)
+    nearest = _nearest_upwards(
+        row[stands], column[stands], up[stands], depth_m[stands], (row.max() + 1, column.max() + 2)
+    )
     nearest = minimum_filter1d(nearest, 3, axis=1, mode="constant", cval=np.inf)
     return np.asarray(~stands & (nearest[row, column] < _FAR_CLOSER * depth_m))
+
+
+def _nearest_upwards(row: Ints, column: Ints, up: Ints, depth_m: Floats, shape: tuple[int, int]) -> Floats:
+    """The least depth in each cell of what reaches from its own row over `up` rows above it, infinite where nothing is.
+
+    Each reach is two runs of a power of two rows, which may overlap; runs are halved until they are single cells.
+    """
+    power = np.floor(np.log2(up + 1)).astype(np.int64)
+    runs = np.full((power.max() + 1, *shape), np.inf)  # of rows from a cell downwards
+    for first in (row - up, row - 2**power + 1):
+        np.minimum.at(runs, (power, first, column), depth_m)
+    for size in range(power.max(), 0, -1):
+        half = 2 ** (size - 1)
+        np.minimum(runs[size - 1], runs[size], out=runs[size - 1])
+        np.minimum(runs[size - 1, half:], runs[size, :-half], out=runs[size - 1, half:])
+    return np.asarray(runs[0])
 
 
 def _before(nearest: Floats, reach: int, axis: int) -> Floats:

@@ -29,16 +29,16 @@ def project(camera: Camera, xyz_ego_m: Array) -> tuple[Floats, Floats, Bools]:
     """
     xyz = apply(inverse(camera.ego_from_camera), np.asarray(xyz_ego_m).reshape(-1, 3))
     depth_m = xyz[:, 2]
-    ahead = depth_m > 0
-    plane = np.full((len(xyz), 2), np.nan)
+    reached = np.flatnonzero(depth_m > 0)  # of a sweep all around most lies elsewhere
     with np.errstate(over="ignore"):  # a point just in front of the lens lies infinitely far out
-        plane[ahead] = xyz[ahead, :2] / depth_m[ahead, None]
-        reached = (plane * plane).sum(axis=1) < _turning_point(camera)
-    plane[~reached] = np.nan
-    uv_px = distorted(camera, plane) @ camera.intrinsic[:2, :2].T + camera.intrinsic[:2, 2]
-    size_px = np.array([camera.width_px, camera.height_px])
-    visible = reached & ((uv_px >= -0.5) & (uv_px < size_px - 0.5)).all(axis=1)
-    return uv_px, depth_m, visible
+        plane = xyz[reached, :2] / depth_m[reached, None]
+        near = np.einsum("nk,nk->n", plane, plane) < _turning_point(camera)
+    reached, plane = reached[near], plane[near]
+    uv_px = np.full((len(xyz), 2), np.nan)
+    uv_px[reached] = distorted(camera, plane) @ camera.intrinsic[:2, :2].T + camera.intrinsic[:2, 2]
+    u_px, v_px = uv_px.T
+    wide = (u_px >= -0.5) & (u_px < camera.width_px - 0.5)
+    return uv_px, depth_m, wide & (v_px >= -0.5) & (v_px < camera.height_px - 0.5)
 
 
 def distorted(camera: Camera, plane: Array) -> Floats:
