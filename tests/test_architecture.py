@@ -33,6 +33,7 @@ ALLOWED = {
         "querying",
         "algorithms",
         "drawing",
+        "parallel",
         "rows",
         "settings",
         "stage",

@@ -195,9 +195,7 @@ class Table:
         missing = [name for name in columns_of(row) if name not in self._file.schema_arrow.names]
         if missing:
             raise NotMade(f"{path} has no column {', '.join(missing)}: delete it and make it again")
-        with _damage_told(path):
-            frames = self._file.read(columns=["frame"]).column("frame").to_pylist()
-        self._group_of = {frame: group for group, frame in enumerate(frames)}
+        self._group_of = {frame: group for group, frame in enumerate(_frames(self._file.metadata, path))}
         self._lock = threading.Lock()  # a Parquet file has one reading position
 
     @property
@@ -237,6 +235,18 @@ def _open(path: Path) -> pq.ParquetFile:
         raise NotMade(f"{path} has not been made; run: make {path.parent.name}")
     with _damage_told(path):
         return pq.ParquetFile(path, page_checksum_verification=True)
+
+
+def _frames(metadata: pq.FileMetaData, path: Path) -> Iterator[int]:
+    """The frame of each row, which is a group of its own: the footer has it as the group's bound."""
+    (place,) = (n for n in range(metadata.num_columns) if metadata.schema.column(n).path == "frame")
+    for group in range(metadata.num_row_groups):
+        bounds = metadata.row_group(group).column(place).statistics
+        if bounds is None or not bounds.has_min_max:
+            raise NotMade(
+                f"{path} is damaged (a row without a number of its frame); delete it and make it again"
+            )
+        yield bounds.min
 
 
 @contextlib.contextmanager

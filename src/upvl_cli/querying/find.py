@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from upvl_cli.algorithms.open_vocabulary import Basis
 from upvl_cli.algorithms.query import NONE, Answers, first_of_each, rank, vote
 from upvl_cli.errors import BadInput
+from upvl_cli.parallel import in_order
 from upvl_cli.querying.index import Objects, drives, joined, part_of_rows
 from upvl_cli.querying.question import Question
 from upvl_cli.querying.store import Store
 from upvl_cli.tables import Table
-from upvl_cli.types import Array, Bools, Ints, ParallelArrays, array
+from upvl_cli.types import Array, Bools, Floats, Ints, ParallelArrays, array
 
 
 @dataclass(frozen=True)
@@ -193,21 +195,24 @@ def answered(
         total = sum(len(places) for *_, places in kept)
         kept = _promising(store, question, kept, candidates)
         counts["not ranked high enough"] += total - sum(len(places) for *_, places in kept)
-    for name, objects, places in kept:
-        if len(places):
-            ask = _by_points if by == "vote" else _by_mean
-            yield name, objects[places], ask(store, question, name, objects[places])
+    ask = _by_points if by == "vote" else _by_mean
+    asked = [(name, objects[places]) for name, objects, places in kept if len(places)]
+    for (name, objects), answers in zip(asked, ask(store, question, asked), strict=True):
+        yield name, objects, answers
 
 
 def _promising(store: Store, question: Question, kept: Kept, candidates: int) -> Kept:
     """The best box of each of the best tracks of all drives, by mean feature."""
+
+    def ranked(of: tuple[str, Objects, Ints]) -> Floats:
+        _, objects, places = of
+        return rank(store.basis.cosines(objects.pooled[places], question.vectors), question.asked)
+
     none = np.zeros(0, dtype=np.int64)
-    score: list[Array] = [none]
+    score: list[Array] = [none, *in_order(ranked, kept)]
     group: list[Array] = [none]
     drive: list[Array] = [none]
     for number, (_, objects, places) in enumerate(kept):
-        cosines = store.basis.cosines(objects.pooled[places], question.vectors)
-        score.append(rank(cosines, question.asked))
         track = objects.track_id[places]
         group.append(np.where(track < 0, -1, track * len(kept) + number))
         drive.append(np.full(len(places), number))
@@ -221,31 +226,39 @@ def _promising(store: Store, question: Question, kept: Kept, candidates: int) ->
     ]
 
 
-def _by_mean(store: Store, question: Question, name: str, objects: Objects) -> Answers:
-    cosines = store.basis.cosines(objects.pooled, question.vectors)
-    return vote(cosines, np.arange(len(objects)), len(objects), question.kind_of_word)
+def _by_mean(store: Store, question: Question, asked: Sequence[tuple[str, Objects]]) -> Iterator[Answers]:
+    for _, objects in asked:
+        cosines = store.basis.cosines(objects.pooled, question.vectors)
+        yield vote(cosines, np.arange(len(objects)), len(objects), question.kind_of_word)
 
 
-def _by_points(store: Store, question: Question, name: str, objects: Objects) -> Answers:
-    parts = []
-    for boxes, of_box, cosines in points_of(store, question, name, objects):
-        parts.append(vote(cosines, of_box, boxes, question.kind_of_word))
-    return Answers(
-        *(
-            np.concatenate([getattr(part, field) for part in parts])
-            for field in ("kind", "word", "share", "cosine")
-        )
-    )
+def _by_points(store: Store, question: Question, asked: Sequence[tuple[str, Objects]]) -> Iterator[Answers]:
+    opened = in_order(lambda of: table_of_points(store, of[0]), asked)
+    for table, (_, objects) in zip(opened, asked, strict=True):
+        parts = [
+            vote(cosines, of_box, boxes, question.kind_of_word)
+            for boxes, of_box, cosines in points_of(table, store.basis, question, objects)
+        ]
+        fields = ("kind", "word", "share", "cosine")
+        yield Answers(*(np.concatenate([getattr(part, field) for part in parts]) for field in fields))
+
+
+def table_of_points(store: Store, name: str) -> Table:
+    """The points of the boxes of a drive, by frame."""
+    return Table(store.paths[name], part_of_rows("of_box", "feature"))
 
 
 def points_of(
-    store: Store, question: Question, name: str, objects: Objects
+    table: Table, basis: Basis, question: Question, objects: Objects
 ) -> Iterator[tuple[int, Ints, Array]]:
     """Of the objects of a drive, frame by frame: how many, the object of each point, its cosines with all words."""
-    table = Table(store.paths[name], part_of_rows("of_box", "feature"))
-    frames, first = np.unique(objects.frame, return_index=True)
-    for frame, boxes in zip(frames.tolist(), np.split(objects.box, first[1:]), strict=True):
+
+    def of_frame(of: tuple[int, Ints]) -> tuple[int, Ints, Array]:
+        frame, boxes = of
         row = table[frame]
         of_box = np.searchsorted(boxes, row.of_box)
         inside = boxes[np.minimum(of_box, len(boxes) - 1)] == row.of_box
-        yield len(boxes), of_box[inside], store.basis.cosines(row.feature[inside], question.vectors)
+        return len(boxes), of_box[inside], basis.cosines(row.feature[inside], question.vectors)
+
+    frames, first = np.unique(objects.frame, return_index=True)
+    return in_order(of_frame, zip(frames.tolist(), np.split(objects.box, first[1:]), strict=True))

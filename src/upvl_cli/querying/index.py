@@ -18,6 +18,7 @@ import numpy as np
 import pyarrow as pa
 
 from upvl_cli.algorithms.open_vocabulary import KEPT
+from upvl_cli.parallel import in_order
 from upvl_cli.querying.store import Store, check_basis
 from upvl_cli.rows import ObjectRow
 from upvl_cli.stage import Row
@@ -82,7 +83,10 @@ def drives(store: Store) -> Iterator[tuple[str, Objects]]:
     Raises:
         NotMade: A shard is damaged, or was made with another basis than there is now.
     """
-    wanted = {name: f"{footer_digest(path)} {store.basis_digest}" for name, path in store.paths.items()}
+    digests = in_order(footer_digest, store.paths.values())
+    wanted = {
+        name: f"{digest} {store.basis_digest}" for name, digest in zip(store.paths, digests, strict=True)
+    }
     batches = _stored(store.index)
     if list(batches) != list(wanted.items()):
         _write(store, wanted, batches)

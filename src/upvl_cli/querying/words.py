@@ -11,7 +11,7 @@ from rich.table import Table
 
 from upvl_cli.algorithms.query import vote
 from upvl_cli.querying.classes import Classes
-from upvl_cli.querying.find import Filters, points_of
+from upvl_cli.querying.find import Filters, points_of, table_of_points
 from upvl_cli.querying.index import drives
 from upvl_cli.querying.question import Question, question
 from upvl_cli.querying.run import check_segments, params
@@ -52,7 +52,8 @@ def worth(store: Store, asked: Question, filters: Filters) -> Worth:
             continue
         of = objects[objects.points > 0]
         done = 0
-        for boxes, of_box, cosines in points_of(store, asked, name, of) if len(of) else ():
+        points = points_of(table_of_points(store, name), store.basis, asked, of)
+        for boxes, of_box, cosines in points if len(of) else ():
             answers = vote(cosines, of_box, boxes, np.arange(total))
             score = answers.share * of.confidence[done : done + boxes]
             done += boxes
