@@ -64,6 +64,18 @@ def test_labels_and_summary(labelled: Path) -> None:
     assert "points moving" in done.stdout
 
 
+def test_one_drive_of_two_is_labelled_and_told_of(tmp_path: Path) -> None:
+    two = make_workspace(tmp_path, raw__dataset='"synthetic"', synthetic__frames="2", synthetic__train="2")
+    assert "see: upvl segments" in fails(two, "summary", "--segment", "train-00")
+    assert "run: make nms" in fails(two, "summary")
+    done = upvl(two, "autolabel", "--moving-only", "--segment", "train-000")
+    assert done.returncode == 0, done.stderr
+    assert "\ntrain-000: 2 frames" in done.stdout
+    assert "train-001" not in done.stdout
+    assert "\nnot labelled: train-001\n" in upvl(two, "summary").stdout
+    assert "out/nms/train-001.parquet has not been made" in fails(two, "summary", "--segment", "train-001")
+
+
 def test_a_second_run_makes_nothing(copy: Path) -> None:
     assert made(upvl(copy, "autolabel", "--moving-only")) == []
 

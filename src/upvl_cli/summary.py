@@ -3,20 +3,28 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 from upvl_cli.stages import BY_NAME, STAGES
 from upvl_cli.tables import Table, read_footer
 from upvl_cli.workspace import WHOLE, Workspace
 
 
-def lines(workspace: Workspace) -> Iterator[str]:
+def lines(workspace: Workspace, segments: Collection[str] = ()) -> Iterator[str]:
     """One line a segment, then one a stage with what it kept and dropped over all of them.
 
+    Args:
+        workspace: Where.
+        segments: Which drives; empty takes all that have labels, and tells of the others.
+
     Raises:
-        NotMade: A segment has not been labelled.
+        NotMade: None of them has been labelled, or one of those that are named has not.
     """
-    for segment in workspace.segments:
+    chosen = list(segments or workspace.segments)
+    bare = [] if segments else [name for name in chosen if not workspace.shard("nms", name).exists()]
+    if len(bare) < len(chosen):
+        chosen = [name for name in chosen if name not in bare]
+    for segment in chosen:
         labels = Table(workspace.shard("nms", segment), BY_NAME["nms"].row)
         tracks = Counter(int(track_id) for row in labels for track_id in row.track_id)
         longest = max(tracks.values(), default=0)
@@ -24,8 +32,10 @@ def lines(workspace: Workspace) -> Iterator[str]:
             f"{segment}: {len(labels)} frames, {tracks.total()} boxes in {len(tracks)} tracks "
             f"(longest {longest} frames)"
         )
+    if bare:
+        yield f"not labelled: {', '.join(bare)}"
     for stage in STAGES:
-        drives = (WHOLE,) if stage.whole else workspace.segments
+        drives = [WHOLE] if stage.whole else chosen
         footers = [read_footer(workspace.shard(stage.name, drive)) for drive in drives]
         counts = sum((Counter(footer.counts) for footer in footers if footer), Counter())
         if counts:

@@ -114,7 +114,7 @@ def autolabel(
 
     context.obj = with_preset(context.obj, MOVING_ONLY if moving_only else "", LABELLING)
     label(context.obj, LABELLING, segment, workers=workers, overrides={})
-    summary(context)
+    summary(context, segment)
 
 
 def label(
@@ -156,11 +156,13 @@ def foretell(
 
 
 @app.command()
-def summary(context: typer.Context) -> None:
+def summary(context: typer.Context, segment: Segments = None) -> None:
     """Tell what the auto labels hold and what was dropped, and why."""
     from upvl_cli.summary import lines
 
-    for line in lines(context.obj):
+    for name in segment or ():
+        context.obj.check_name(name, context.obj.segments)
+    for line in lines(context.obj, segment or ()):
         print(line)
 
 
