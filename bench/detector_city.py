@@ -51,7 +51,9 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=16)
     parser.add_argument("--steps", type=int, help="instead of those of the preset")
     parser.add_argument("--seeds", type=int, nargs="+", default=[0])
-    parser.add_argument("--distil", type=float, nargs="+", default=[0.0, 1.0])
+    parser.add_argument(
+        "--distil", type=float, nargs="+", default=[0.0, 1.0], help="weights; the last is asked"
+    )
     parser.add_argument("--moving-only", action="store_true")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:

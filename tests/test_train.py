@@ -172,7 +172,10 @@ def test_a_killed_training_ends_with_the_same_bytes(trained: Path, labelled: Pat
 @pytest.mark.slow
 def test_two_processes_write_one_shard_with_the_same_curve(labelled: Path, tmp_path: Path) -> None:
     folder = copied(labelled, tmp_path)
-    set_value(folder, "train", "precision", '"full"')  # half a batch is rounded otherwise than a whole one
+    # Two halves of a batch are rounded otherwise than the whole, and each step of AdamW multiplies that:
+    # in float64 the curves are the same to 1e-14, here small steps in full precision keep it below 1e-5.
+    set_value(folder, "train", "precision", '"full"')
+    set_value(folder, "train", "rate", "0.0003")
     assert upvl(folder, "train").returncode == 0
     (one,) = table(folder, "train")
     shutil.rmtree(folder / "out" / "train")
@@ -183,12 +186,8 @@ def test_two_processes_write_one_shard_with_the_same_curve(labelled: Path, tmp_p
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("made stage=train") == 1
     (two,) = table(folder, "train")
-    for name in ("total", "box", "distil"):
-        said, expected = getattr(two, name), getattr(one, name)
-        np.testing.assert_allclose(said[0], expected[0], rtol=1e-5)
-        np.testing.assert_allclose(
-            said, expected, rtol=3e-3
-        )  # Adam makes much of the last digits of small slopes
+    for name in ("total", "box", "distil", "check_total"):
+        np.testing.assert_allclose(getattr(two, name), getattr(one, name), rtol=1e-4)
 
 
 @pytest.mark.slow
