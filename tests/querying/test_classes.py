@@ -70,11 +70,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Workspace:
 @pytest.mark.parametrize(
     ("asked", "there", "not_there"),
     [
-        (
-            "fire truck",
-            {"truck", "bus", "car", "road"},
-            {"fire truck"},
-        ),  # a kind of truck is told from trucks
+        ("garbage truck", {"truck", "bus", "car", "road"}, set()),  # a kind of truck is told from trucks
+        ("fire truck", {"bus", "car", "road"}, {"fire truck", "truck"}),  # to mini they are one
         ("truck", {"bus", "car"}, {"truck", "fire truck", "pickup truck"}),  # kinds of it
         ("lorry", {"bus", "car"}, {"truck"}),  # says the same
         ("vehicle", {"person", "tree"}, {"car", "bus", "van"}),  # a list of name.toml by its name
@@ -89,6 +86,12 @@ def test_a_phrase_competes_with_what_is_something_else(
     assert not not_there & set(found.words[1:])
     assert found.kind_of_word.tolist() == list(range(len(found.words)))
     assert len(found.vectors) == len(found.words)
+
+
+def test_what_the_model_does_not_tell_apart_is_told(made: Workspace) -> None:
+    found = question(made, of_phrases(["fire truck, garbage truck, car"]), same=0.9, anyway=False)
+    assert found.blurred == (("fire truck", "truck"),)
+    assert question(made, of_phrases(["fire truck"]), same=1.0, anyway=False).blurred == ()
 
 
 def test_negatives_of_a_file_are_the_only_ones(made: Workspace) -> None:

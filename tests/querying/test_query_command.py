@@ -30,11 +30,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_query_prints_a_line_an_object_and_writes_each_box(folder: Path) -> None:
     done = upvl(folder, "query", "fire truck")
     assert done.returncode == 0, done.stderr
-    heading, first, second, summary, table, sheet = done.stdout.splitlines()
+    heading, first, second, summary, note, table, sheet = done.stdout.splitlines()
     assert heading.split()[:3] == ["word", "score", "votes"]
     assert " ".join(first.split()) == "fire truck 1.00 100% gone - 1 0 0.0 25.0 0.0"
     assert " ".join(second.split()) == "fire truck 0.95 95% street-0 7 2 0 0.0 12.0 5.0"
     assert summary == "5 labels: 3 hits of 2 objects, 2 other words"
+    assert note.startswith('mini does not tell "fire truck" from "truck": ')
     assert (table, sheet) == ("out/query/fire-truck.parquet", "out/query/fire-truck.png")
     rows = pq.read_table(folder / table).to_pylist()
     assert [(row["segment"], row["frame"], row["box"]) for row in rows] == [
@@ -75,8 +76,9 @@ def test_words_are_compared(folder: Path) -> None:
     lines = done.stdout.splitlines()
     assert lines[0].split()[:2] == ["word", "boxes"]
     assert lines[1].split()[:3] == ["fire", "truck", "3"]
-    assert "truck 3" in lines[1]
-    assert lines[-1].startswith("5 labels with features")
+    assert "minivan 2, van 1" in lines[1]
+    assert lines[-2].startswith("5 labels with features")
+    assert lines[-1].startswith('mini does not tell "fire truck" from "truck"')
 
 
 @pytest.mark.parametrize(

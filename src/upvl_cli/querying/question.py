@@ -14,6 +14,10 @@ from upvl_cli.types import Bools, Floats, Ints
 from upvl_cli.vlm.base import Model, Speller
 from upvl_cli.workspace import Workspace
 
+# A kind ("fire truck") and what it is a kind of ("truck") are always near; from this cosine on, a model does not tell
+# one from the other.
+AS_ITS_KIND = 0.95
+
 
 @dataclass(frozen=True)
 class Question:
@@ -24,12 +28,14 @@ class Question:
         words: All words, those asked for first.
         kind_of_word: (t,) class of each word; each negative is a kind of its own.
         vectors: (t, d) of length 1.
+        blurred: Asked words that the model does not tell from what they are a kind of, and that.
     """
 
     names: tuple[str, ...]
     words: tuple[str, ...]
     kind_of_word: Ints
     vectors: Floats
+    blurred: tuple[tuple[str, str], ...] = ()
 
     @property
     def asked(self) -> Bools:
@@ -55,8 +61,9 @@ def question(workspace: Workspace, classes: Classes, *, same: float, anyway: boo
         _check_spelling(model, given)
     vectors = _vectors(model, given)
     negatives = classes.negatives
+    blurred: tuple[tuple[str, str], ...] = ()
     if negatives is None:
-        negatives, beside = against(workspace, classes.all_words, vectors, same)
+        negatives, beside, blurred = against(workspace, classes.all_words, vectors, same)
         vectors = np.concatenate([vectors, beside])
     sizes = [*(len(some) for some in classes.words.values()), *(1 for _ in negatives)]
     return Question(
@@ -64,17 +71,19 @@ def question(workspace: Workspace, classes: Classes, *, same: float, anyway: boo
         (*classes.all_words, *negatives),
         np.repeat(np.arange(len(sizes)), sizes),
         vectors,
+        blurred,
     )
 
 
 def against(
     workspace: Workspace, asked: Sequence[str], vectors: Floats, same: float
-) -> tuple[tuple[str, ...], Floats]:
+) -> tuple[tuple[str, ...], Floats, tuple[tuple[str, str], ...]]:
     """The words that compete with those asked for: of the background and of common objects.
 
     Those that say the same as an asked word are left out: a list of `name` that is asked for by its name
     ("vehicle"), kinds of it ("school bus" where "bus" is asked for), and what is very near. What an asked word is a
-    kind of stays ("truck" where "fire truck" is asked for), for the kind is to be told from the rest.
+    kind of competes ("truck" where "garbage truck" is asked for), for the kind is to be told from the rest; unless
+    the model has one vector for both: then the one that wins would be chance.
 
     Args:
         workspace: Its `mask.toml` and `name.toml` have them.
@@ -83,7 +92,7 @@ def against(
         same: Cosine from which a word says the same.
 
     Returns:
-        The words, and (t, d) their vectors.
+        The words, (t, d) their vectors, and the pairs of an asked word and what the model takes it for.
     """
     names = workspace.settings(BY_NAME["name"])
     lists = {spec.name: getattr(names, spec.name) for spec in fields(names)}
@@ -94,20 +103,27 @@ def against(
     )
     words = [word for word in dict.fromkeys(common) if word not in apart]
     found = _vectors(workspace.model, words)
-    near = found @ vectors.T >= same  # (t, a)
+    cosines = found @ vectors.T  # (t, a)
     kept = [
         place
         for place, word in enumerate(words)
-        if not any(
-            _says_the_same(word, one, bool(alike)) for one, alike in zip(asked, near[place], strict=True)
-        )
+        if not any(_says_the_same(word, *beside, same) for beside in zip(asked, cosines[place], strict=True))
     ]
-    return tuple(words[place] for place in kept), found[kept]
+    blurred = tuple(
+        (one, words[place])
+        for place, column in np.argwhere(cosines >= max(same, AS_ITS_KIND)).tolist()
+        if _is_kind_of(one := asked[column], words[place])
+    )
+    return tuple(words[place] for place in kept), found[kept], blurred
 
 
-def _says_the_same(word: str, asked: str, near: bool) -> bool:
-    parts, wanted = set(word.lower().split()), set(asked.lower().split())
-    return parts >= wanted or (near and not parts < wanted)
+def _says_the_same(word: str, asked: str, cosine: float, same: float) -> bool:
+    limit = max(same, AS_ITS_KIND) if _is_kind_of(asked, word) else same
+    return set(word.lower().split()) >= set(asked.lower().split()) or cosine >= limit
+
+
+def _is_kind_of(word: str, other: str) -> bool:
+    return set(word.lower().split()) > set(other.lower().split())
 
 
 def _check_spelling(model: Model, words: Sequence[str]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from pathlib import Path
 
@@ -84,6 +84,13 @@ def summary(found: Found, on: str) -> str:
     rest = [f"{items} {reason}" for reason, items in found.counts.items() if items and reason not in TOLD]
     hits = f"{len(found.hits)} hits of {objects} objects"
     return f"{found.counts['boxes']} {on}: {', '.join([hits, *rest])}"
+
+
+def notes(question: Question, model: str) -> Iterator[str]:
+    """What the model cannot tell apart, a line each."""
+    for kind, other in question.blurred:
+        told = f'{model} does not tell "{kind}" from "{other}": a hit may be any {other}'
+        yield f"{told} (a stronger model can be named in vlm.toml)"
 
 
 def write(path: Path, hits: Hits, question: Question) -> Path:

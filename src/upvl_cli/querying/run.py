@@ -68,6 +68,7 @@ def query(workspace: Workspace, request: Request) -> Iterator[Table | str]:
     if len(found.hits):
         yield report.table(found.hits, asked, settings.top)
     yield report.summary(found, where.on)
+    yield from report.notes(asked, workspace.model.name)
     stem = workspace.out / "query" / report.slug(request.name)
     yield str(report.write(stem.with_name(f"{stem.name}.parquet"), found.hits, asked))
     if request.sheet and len(found.hits):

@@ -14,6 +14,7 @@ from upvl_cli.querying.classes import Classes
 from upvl_cli.querying.find import Filters, points_of, table_of_points
 from upvl_cli.querying.index import drives
 from upvl_cli.querying.question import Question, question
+from upvl_cli.querying.report import notes
 from upvl_cli.querying.run import check_segments, params
 from upvl_cli.querying.store import Store, store
 from upvl_cli.types import Array, Ints
@@ -97,6 +98,7 @@ def compare(
         f"{found.scores.sum()} {where.on} with features; a bar is a tenth of the score (share of the votes times "
         "confidence), from 0 to 1; (-) competes, and is not asked for"
     )
+    yield from notes(asked, workspace.model.name)
 
 
 def _table(asked: Question, found: Worth) -> Table:

@@ -23,8 +23,8 @@ OBJECTS = (
     "car", "vehicle", "parked vehicle", "sedan", "truck", "bus", "van", "minivan", "school bus", "pickup truck",
     "ambulance", "fire truck", "human", "person", "pedestrian", "cyclist", "bicycle",
 )  # fmt: skip
-# Pictures are brought to about the size that the network learnt at, and looked at once more at less: what is
-# large and near is told from far away.
+# Pictures are brought to about the size that the network learnt at, and looked at once more at less and mirrored:
+# what is large and near is told from far away, and the two looks err in different places.
 DETAIL_PX, LARGEST = 180_000, 1.25
 WHOLE_SCALE, WHOLE_WEIGHT = 0.625, 0.5
 FILES = ("mini_image.safetensors", "mini_text.safetensors", "mini_phrases.txt", "mini_tokenizer.json")
@@ -81,7 +81,8 @@ class Mini:
         pixels = torch.tensor(rgb).permute(2, 0, 1)[None].float()
         scale = min((DETAIL_PX / (height * width)) ** 0.5, LARGEST)
         with torch.inference_mode():
-            detail, whole = (self._looked(pixels, scale * part) for part in (1.0, WHOLE_SCALE))
+            detail = self._looked(pixels, scale)
+            whole = self._looked(pixels.flip(-1), scale * WHOLE_SCALE).flip(-1)
             whole = functional.interpolate(whole, detail.shape[-2:], mode="bilinear", align_corners=False)
             features = functional.normalize(detail + WHOLE_WEIGHT * whole, dim=1)
         return np.asarray(features[0].permute(1, 2, 0).numpy())
