@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,10 @@ import pytest
 
 from command import fails, make_workspace, set_value, upvl
 from upvl_cli.algorithms.views import NO_VIEW, SEEN
+from upvl_cli.runner import state
 from upvl_cli.stages import BY_NAME, LABELLING
 from upvl_cli.tables import Table
+from upvl_cli.vlm import MODELS
 from upvl_cli.workspace import WHOLE, Workspace
 
 SEGMENT = "street-0"
@@ -73,6 +76,20 @@ def test_another_model_is_another_shard(labelled: Path, tmp_path: Path) -> None:
     assert "unknown model 'min'; did you mean 'mini'" in fails(folder, "extract-vl")
     set_value(folder, "vlm", "model", '"clip:/nowhere/at-all"')
     assert "/nowhere/at-all" in fails(folder, "extract-vl")
+
+
+def test_other_code_of_a_model_makes_its_shards_stale(
+    labelled: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def told(stage: str) -> tuple[str, str]:
+        workspace = Workspace(labelled / "stages", labelled / "out")
+        return state(workspace, BY_NAME[stage], WHOLE if BY_NAME[stage].whole else SEGMENT)
+
+    assert told("extract-vl")[0] == told("ground")[0] == "fresh"
+    monkeypatch.setitem(MODELS, "mini", replace(MODELS["mini"], version=99))
+    assert told("pca")[0] == told("extract-vl")[0] == "stale"
+    assert "vlm.version" in told("pca")[1]
+    assert told("ground")[0] == "fresh"
 
 
 def test_the_size_is_foretold(labelled: Path) -> None:

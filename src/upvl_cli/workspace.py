@@ -238,7 +238,8 @@ class Workspace:
         found = contents(opener.files(weights), seen_path)
         write_if_changed(seen_path, found.seen)
         # The value names a place on this disk; what the model is, its content says.
-        return {"model": self.vlm.model.partition(":")[0], "content": found.digest}
+        model = self.vlm.model.partition(":")[0]
+        return {"model": model, "version": opener.version, "content": found.digest}
 
     def mark_model(self) -> None:
         """Write `out/vlm.stamp`, which make compares, where the model is another one."""

@@ -58,7 +58,7 @@ def _onnx(weights: str) -> Model:
 
 
 MODELS: dict[str, Adapter] = {
-    "mini": Adapter(_mini_files, _mini, "mini"),
+    "mini": Adapter(_mini_files, _mini, "mini", version=2),
     "clip": Adapter(_clip_files, _clip, "clip:/models/clip-vit-base-patch16"),
     "openseg": Adapter(_openseg_files, _openseg, "openseg:/models/openseg"),
     "onnx": Adapter(_onnx_files, _onnx, "onnx:/models/mine"),

@@ -70,8 +70,10 @@ class Adapter:
             is its fingerprint, part of the stamp of every shard that it makes. Loads no network.
         open: Opens it; from the same text.
         example: A value of `model`, for messages.
+        version: Raised by hand when the code gives other features for equal weights; part of the stamp as well.
     """
 
     files: Callable[[str], tuple[Path, ...]]
     open: Callable[[str], Model]
     example: str
+    version: int = 1
