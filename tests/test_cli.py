@@ -111,6 +111,7 @@ def test_a_stage_below_a_changed_one_is_refused(copy: Path) -> None:
     set_value(copy, "mask", "min_speed_mps", "1.5")
     message = fails(copy, "track")
     assert "out/propose/street-0.parquet, which is stale (mask.min_speed_mps 1.0 -> 1.5)" in message
+    assert "; to keep it, write the values left of -> in stages" in message
 
 
 def test_other_values_by_hand_do_not_get_into_the_same_folder(copy: Path) -> None:

@@ -191,9 +191,11 @@ def _check_inputs(workspace: Workspace, stage: Stage, segment: str, settings: An
         maker = BY_NAME[name]
         condition, reason = state(workspace, maker, WHOLE if maker.whole else drive or segment)
         if condition != "fresh":
+            # Options of a command hold for that run alone: who gave some may want to keep what they made.
+            keep = "; to keep it, write the values left of -> in stages" if " -> " in reason else ""
             raise NotMade(
                 f"{stage.name} needs {path}, which is {condition} ({reason}); "
-                f"run: upvl {name}, or: make {stage.name}"
+                f"run: upvl {name}, or: make {stage.name}{keep}"
             )
 
 
