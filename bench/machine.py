@@ -10,7 +10,7 @@ _STOLEN = 7  # of the numbers of a line: user, nice, system, idle, iowait, irq, 
 
 
 class Stolen:
-    """Counts from when it is made; prints as "the host took 12 % of two cores away", or that it cannot tell."""
+    """Counts from when it is made; prints as "the host took 12% of the time asked of 2 cores"."""
 
     def __init__(self) -> None:
         """Begin to count."""

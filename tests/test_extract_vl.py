@@ -13,6 +13,7 @@ from command import fails, make_workspace, set_value, upvl
 from upvl_cli.algorithms.views import NO_VIEW, SEEN
 from upvl_cli.runner import state
 from upvl_cli.stages import BY_NAME, LABELLING
+from upvl_cli.stamps import is_of_settings
 from upvl_cli.tables import Table
 from upvl_cli.vlm import MODELS
 from upvl_cli.workspace import WHOLE, Workspace
@@ -89,6 +90,7 @@ def test_other_code_of_a_model_makes_its_shards_stale(
     monkeypatch.setitem(MODELS, "mini", replace(MODELS["mini"], version=99))
     assert told("pca")[0] == told("extract-vl")[0] == "stale"
     assert "vlm.version" in told("pca")[1]
+    assert not is_of_settings(told("pca")[1])
     assert told("ground")[0] == "fresh"
 
 

@@ -22,7 +22,7 @@ from upvl_cli.inputs import Inputs
 from upvl_cli.parallel import THREADS_VARIABLE, prepare_worker, threads
 from upvl_cli.stage import Row, Stage
 from upvl_cli.stages import BY_NAME
-from upvl_cli.stamps import difference
+from upvl_cli.stamps import difference, is_of_settings
 from upvl_cli.tables import read_footer, write
 from upvl_cli.workspace import NO_STAGES, WHOLE, Workspace, write_if_changed
 
@@ -192,7 +192,7 @@ def _check_inputs(workspace: Workspace, stage: Stage, segment: str, settings: An
         condition, reason = state(workspace, maker, WHOLE if maker.whole else drive or segment)
         if condition != "fresh":
             # Options of a command hold for that run alone: who gave some may want to keep what they made.
-            keep = "; to keep it, write the values left of -> in stages" if " -> " in reason else ""
+            keep = "; to keep it, write the values left of -> in stages" if is_of_settings(reason) else ""
             raise NotMade(
                 f"{stage.name} needs {path}, which is {condition} ({reason}); "
                 f"run: upvl {name}, or: make {stage.name}{keep}"

@@ -23,6 +23,11 @@ def difference(old: str, new: str) -> str:
     return ", ".join(told or [f"{name.removeprefix('inputs.')} was made anew" for name in names])
 
 
+def is_of_settings(told: str) -> bool:
+    """Whether a `difference` is in values of settings alone, so that the old ones would make both equal again."""
+    return " -> " in told and not any(name in told for name in (".version ", ".content "))
+
+
 def _flat(stamp: str) -> dict[str, Any]:
     """The values of a stamp by `stage.name`; nothing of one that is no stamp."""
     flat: dict[str, Any] = {}

@@ -20,10 +20,8 @@ def lines(workspace: Workspace, segments: Collection[str] = ()) -> Iterator[str]
     Raises:
         NotMade: None of them has been labelled, or one of those that are named has not.
     """
-    chosen = list(segments or workspace.segments)
-    bare = [] if segments else [name for name in chosen if not workspace.shard("nms", name).exists()]
-    if len(bare) < len(chosen):
-        chosen = [name for name in chosen if name not in bare]
+    labelled = [name for name in workspace.segments if workspace.shard("nms", name).exists()]
+    chosen = segments or labelled or workspace.segments
     for segment in chosen:
         labels = Table(workspace.shard("nms", segment), BY_NAME["nms"].row)
         tracks = Counter(int(track_id) for row in labels for track_id in row.track_id)
@@ -32,8 +30,8 @@ def lines(workspace: Workspace, segments: Collection[str] = ()) -> Iterator[str]
             f"{segment}: {len(labels)} frames, {tracks.total()} boxes in {len(tracks)} tracks "
             f"(longest {longest} frames)"
         )
-    if bare:
-        yield f"not labelled: {', '.join(bare)}"
+    if not segments and len(chosen) < len(workspace.segments):
+        yield f"not labelled: {', '.join(name for name in workspace.segments if name not in chosen)}"
     for stage in STAGES:
         drives = [WHOLE] if stage.whole else chosen
         footers = [read_footer(workspace.shard(stage.name, drive)) for drive in drives]

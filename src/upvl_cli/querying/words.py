@@ -52,9 +52,10 @@ def worth(store: Store, asked: Question, filters: Filters) -> Worth:
         if filters.segments and name not in filters.segments:
             continue
         of = objects[objects.points > 0]
+        if not len(of):
+            continue
         done = 0
-        points = points_of(table_of_points(store, name), store.basis, asked, of)
-        for boxes, of_box, cosines in points if len(of) else ():
+        for boxes, of_box, cosines in points_of(table_of_points(store, name), store.basis, asked, of):
             answers = vote(cosines, of_box, boxes, np.arange(total))
             score = answers.share * of.confidence[done : done + boxes]
             done += boxes
