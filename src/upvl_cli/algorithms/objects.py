@@ -5,7 +5,23 @@ from __future__ import annotations
 import numpy as np
 
 from upvl_cli.algorithms.open_vocabulary import KEPT, Basis
-from upvl_cli.types import Ints
+from upvl_cli.algorithms.views import SEEN
+from upvl_cli.types import Array, Ints
+
+
+def of_objects(state: Ints, feature: Array, background: Ints) -> tuple[Ints, Array]:
+    """The points that a camera sees and words do not call background, and their features.
+
+    A box holds road, and what stands beside a thin object: those points would outvote its own.
+
+    Args:
+        state: (n,) of the points, as `extract-vl` says.
+        feature: (s, d) of those that are seen, in their order.
+        background: (n,) 1 background, 0 not, -1 not told, as `mask` says.
+    """
+    seen = np.flatnonzero(state == SEEN)
+    own = background[seen] == 0
+    return seen[own], feature[own]
 
 
 def pooled(of_box: Ints, codes: Ints, boxes: int, basis: Basis) -> Ints:

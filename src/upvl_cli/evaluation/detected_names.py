@@ -1,6 +1,7 @@
 """The types of detections, by the words of the stage `name` and the features that the detector says.
 
-A detector that says none takes those of the pictures, as the paper's baseline without distillation does.
+A detector that says none takes those of the pictures, as the paper's baseline without distillation does, less the
+points that are background, as labels do.
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from upvl_cli.algorithms.naming import Votes
-from upvl_cli.algorithms.views import SEEN
+from upvl_cli.algorithms.objects import of_objects
 from upvl_cli.stages import BY_NAME
 from upvl_cli.tables import Table
 from upvl_cli.types import Ints
@@ -28,8 +29,9 @@ def types_of(workspace: Workspace, segment: str, rows: Table) -> dict[int, Ints]
     directions = workspace.model.embed_text(words)
     votes = Votes(np.array(kinds), lambda feature: fitted.basis.cosines(feature, directions))
     (trained,) = Table(workspace.shard("train", WHOLE), BY_NAME["train"].row)
-    pictures = (
-        None if trained.distils else Table(workspace.shard("extract-vl", segment), BY_NAME["extract-vl"].row)
+    pictures, masks = (
+        None if trained.distils else Table(workspace.shard(stage, segment), BY_NAME[stage].row)
+        for stage in ("extract-vl", "mask")
     )
     number: dict[int, Ints] = {}
     alone = 0
@@ -39,10 +41,11 @@ def types_of(workspace: Workspace, segment: str, rows: Table) -> dict[int, Ints]
         own = -2 - alone - np.arange(len(row.track_id))
         alone += len(row.track_id)
         number[row.frame] = np.where(of_none, own, row.track_id)
-        if pictures is None:
+        if pictures is None or masks is None:
             votes.add_features(number[row.frame], row.of_box, row.feature)
         else:
             of = pictures[row.frame]
-            xyz = workspace.drive(segment).points(row.frame).xyz_ego_m[of.state == SEEN]
-            votes.add(row.seven, number[row.frame], xyz, of.feature)
+            point, feature = of_objects(of.state, of.feature, masks[row.frame].background)
+            xyz = workspace.drive(segment).points(row.frame).xyz_ego_m[point]
+            votes.add(row.seven, number[row.frame], xyz, feature)
     return {frame: votes.of(of_frame)[0] for frame, of_frame in number.items()}

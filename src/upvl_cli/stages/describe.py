@@ -21,23 +21,22 @@ class DescribeParams:
 def run(inputs: Inputs, params: DescribeParams) -> Iterator[ObjectRow]:
     """Give each auto label the features of its points, so that words can find it before any training.
 
-    A point in two boxes that overlap counts for both.
+    Points of the background are left out. A point in two boxes that overlap counts for both.
     """
     import numpy as np
 
-    from upvl_cli.algorithms.objects import pooled
-    from upvl_cli.algorithms.views import SEEN
+    from upvl_cli.algorithms.objects import of_objects, pooled
     from upvl_cli.geometry.boxes import pairs_inside
 
     (fitted,) = inputs.table("pca")
-    features, labels = inputs.table("extract-vl"), inputs.table("nms")
+    features, masks, labels = (inputs.table(name) for name in ("extract-vl", "mask", "nms"))
     for pose in inputs.table("odometry"):
         row, of = labels[pose.frame], features[pose.frame]
-        seen = np.flatnonzero(of.state == SEEN)
-        looked_at = len(seen) and len(row.seven)
-        xyz = inputs.drive.points(row.frame).xyz_ego_m[seen] if looked_at else np.zeros((0, 3))
+        own, feature = of_objects(of.state, of.feature, masks[row.frame].background)
+        looked_at = len(own) and len(row.seven)
+        xyz = inputs.drive.points(row.frame).xyz_ego_m[own] if looked_at else np.zeros((0, 3))
         box, point = pairs_inside(xyz, row.seven, margin_m=0.0)
-        codes = of.feature[point]
+        codes = feature[point]
         inputs.count("labels with features", len(np.unique(box)))
         inputs.count("labels that no camera sees", len(row.seven) - len(np.unique(box)))
         yield ObjectRow(
@@ -60,5 +59,6 @@ STAGE = Stage(
     run=run,
     params=DescribeParams,
     row=ObjectRow,
-    reads=("raw", "odometry", "pca", "extract-vl", "nms"),
+    reads=("raw", "odometry", "pca", "extract-vl", "mask", "nms"),
+    version=2,
 )

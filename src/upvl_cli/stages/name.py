@@ -42,23 +42,26 @@ class NameRow(Row):
 
 
 def run(inputs: Inputs, params: NameParams) -> Iterator[NameRow]:
-    """Let the points of each track vote on its word: each has the vote of its nearest word."""
+    """Let the points of each track vote on its word: each has the vote of its nearest word.
+
+    In the paper all points of a box vote; here those that are not background.
+    """
     import numpy as np
 
     from upvl_cli.algorithms.naming import OTHER, Votes
-    from upvl_cli.algorithms.views import SEEN
+    from upvl_cli.algorithms.objects import of_objects
 
     (fitted,) = inputs.table("pca")
-    features, labels = inputs.table("extract-vl"), inputs.table("nms")
+    features, masks, labels = (inputs.table(name) for name in ("extract-vl", "mask", "nms"))
     kinds, names = params.words
     words = inputs.model.embed_text(names)
     votes = Votes(np.array(kinds), lambda feature: fitted.basis.cosines(feature, words))
     for row in labels:
         of = features[row.frame]
-        seen = np.flatnonzero(of.state == SEEN)
-        if len(seen) and len(row.seven):
-            xyz = inputs.drive.points(row.frame).xyz_ego_m[seen]
-            votes.add(row.seven, row.track_id, xyz, of.feature)
+        point, feature = of_objects(of.state, of.feature, masks[row.frame].background)
+        if len(point) and len(row.seven):
+            xyz = inputs.drive.points(row.frame).xyz_ego_m[point]
+            votes.add(row.seven, row.track_id, xyz, feature)
     for row in labels:
         kind, word, share = votes.of(row.track_id)
         for number, what in ((1, "vehicles"), (2, "pedestrians"), (4, "cyclists"), (OTHER, "others")):
@@ -67,5 +70,10 @@ def run(inputs: Inputs, params: NameParams) -> Iterator[NameRow]:
 
 
 STAGE = Stage(
-    name="name", run=run, params=NameParams, row=NameRow, reads=("raw", "vlm", "pca", "extract-vl", "nms")
+    name="name",
+    run=run,
+    params=NameParams,
+    row=NameRow,
+    reads=("raw", "vlm", "pca", "extract-vl", "mask", "nms"),
+    version=2,
 )
