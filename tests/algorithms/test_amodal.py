@@ -126,6 +126,25 @@ def test_of_a_person_one_side_is_seen() -> None:
     assert iou_3d(amodal(seen, **SETTINGS)[:1], truth[None])[0, 0] > 0.5
 
 
+def test_a_child_is_slimmer_than_an_adult() -> None:
+    seen, truth = parked(0.0, (10.0, -5.0), np.array([0.5, 0.4, 1.1]))
+    assert iou_3d(amodal(seen, **SETTINGS)[:1], truth[None])[0, 0] > 0.6
+
+
+def test_who_pushes_a_pram_is_not_the_end_of_a_car() -> None:
+    seen, truth = parked(0.3, (5.0, -10.0), np.array([1.6, 0.6, 1.9]))
+    clouds, heights = [], []
+    for cloud, height in zip(seen.xyz_m, seen.height_m, strict=True):
+        ahead = (cloud[:, :2] - truth[:2]) @ [np.cos(0.3), np.sin(0.3)]
+        kept = (height < 1.1) | (ahead < -0.2)  # above the pram there is nothing
+        clouds.append(cloud[kept])
+        heights.append(height[kept])
+    boxes = np.array([tight_box(cloud, 0.0, trim=0.0) for cloud in clouds])
+    box = amodal(replace(seen, xyz_m=clouds, height_m=heights, seven=boxes), **SETTINGS)[0]
+    assert abs(wrap_angle(2 * (box[6] - 0.3))) < np.deg2rad(20)
+    assert iou_3d(box[None], truth[None])[0, 0] > 0.5
+
+
 def test_a_foot_that_is_hidden_for_a_while_is_still_on_the_ground() -> None:
     seen, truth = drive_past(0.0)
     clouds, heights, boxes = list(seen.xyz_m), list(seen.height_m), seen.seven.copy()

@@ -20,14 +20,14 @@ FAN_STEP_RAD = float(np.deg2rad(1.0))
 EDGE_FLOOR_M = 0.05
 WIDE_M = 1.2  # wider than walkers and cyclists: has wheels, and is longer than wide
 LONG_M = 2.3  # longer than any bicycle: has four wheels
-CAR_LW_M = (
-    3.9,
-    1.6,
-)  # the size of KITTI's mean car: what has four wheels is seldom smaller, and often seen in part
+# The size of KITTI's mean car: what has four wheels is seldom smaller, and often seen in part.
+CAR_LW_M = (3.9, 1.6)
 END_M = {2.2: 2.2, np.inf: 3.0}  # up to this high nothing is wider, with its mirrors: a longer face is a side
 # Of a person one side is seen. The size of KITTI's mean pedestrian; heights that people and riders have.
-PERSON_LW_M = (0.8, 0.6)
+PERSON_LWH_M = (0.8, 0.6, 1.76)
 PERSON_HEIGHT_M = (1.0, 2.2)
+# Above this share of the height a vehicle's end is still wider than shoulders: who pushes a pram is not.
+UPPER, SHOULDERS_M = 0.7, 0.8
 GROUND_PERCENTILE, GROUND_FRAMES = 25, 11  # of the ground under it in so many frames
 STAND_M = 1.5  # what is seen lower than this in some of its frames stands on the ground in all of them
 
@@ -100,7 +100,7 @@ def amodal(
     low, high = _edges(clouds)
     floor, height_m = _stood(seen, edge_share)
     is_tall = PERSON_HEIGHT_M[0] <= height_m <= PERSON_HEIGHT_M[1]
-    least = np.array(PERSON_LW_M) * is_tall
+    least = np.array(PERSON_LWH_M[:2]) * is_tall * min(height_m / PERSON_LWH_M[2], 1.0)
     middle, size = _model(clouds, fitted, low, high, sensor, edge_share, min_aspect, least)
     offset = _behind(low, high, sensor, size)
     for at, motion in fitted.items():
@@ -125,32 +125,40 @@ def _headings(seen: Sightings, clouds_m: Sequence[Floats], moving_mps: float) ->
     velocity = seen.velocity_mps
     moves = np.hypot(velocity[:, 0], velocity[:, 1]) >= moving_mps
     if not moves.any():
-        return np.full(len(velocity), _parked(np.concatenate(clouds_m)[:, :2], seen))
+        return np.full(len(velocity), _parked(np.concatenate(clouds_m), seen))
     heading = np.unwrap(np.arctan2(velocity[moves, 1], velocity[moves, 0]))
     return np.asarray(np.interp(np.arange(len(moves)), np.flatnonzero(moves), heading))
 
 
-def _parked(xy_m: Array, seen: Sightings) -> float:
+def _parked(xyz_m: Array, seen: Sightings) -> float:
     """Heading of what stands, from its shape; of both ways the one at an acute angle to the ego heading (UP-VL).
 
     A side that is longer than any vehicle is wide lies along it. A shorter face is an end when it is
-    turned to the sensor: what lies behind it is hidden.
+    turned to the sensor: what lies behind it is hidden. Not so below a person's shoulders.
     """
-    if len(xy_m) < FEWEST:
+    if len(xyz_m) < FEWEST:
         return float(np.median(seen.sensor_heading_rad))
+    xy_m = xyz_m[:, :2]
     angle = rectangle_heading(xy_m, step_rad=FAN_STEP_RAD, floor_m=EDGE_FLOOR_M)
     turned = along(xy_m, angle)
-    extent = np.subtract(*np.quantile(turned, (1 - TRIM, TRIM), axis=0))
+    extent = _extent(turned)
     longest = extent.max()
     across = bool(extent[1] > extent[0])
     height_m = max((float(height.max()) for height in seen.height_m if len(height)), default=0.0)
     end_m = next(wide for high, wide in END_M.items() if height_m <= high)
-    if WIDE_M < longest <= end_m:
+    upper = turned[xyz_m[:, 2] >= xyz_m[:, 2].max() - (1 - UPPER) * height_m]
+    is_slim = len(upper) >= FEWEST and _extent(upper).max() <= SHOULDERS_M
+    if WIDE_M < longest <= end_m and not is_slim:
         sight = along(xy_m.mean(axis=0) - np.mean(seen.sensor_xy_m, axis=0), angle)
         across = bool(abs(sight[1]) > abs(sight[0]))
     angle += across * np.pi / 2
     away = np.cos(angle - seen.sensor_heading_rad).mean() < 0
     return float(angle + away * np.pi)
+
+
+def _extent(xy_m: Array) -> Array:
+    """(2,) length along each axis, without stray points."""
+    return np.asarray(np.subtract(*np.quantile(xy_m, (1 - TRIM, TRIM), axis=0)))
 
 
 def _stood(seen: Sightings, edge_share: float) -> tuple[Array, float]:

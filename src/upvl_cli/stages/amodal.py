@@ -132,5 +132,5 @@ STAGE = Stage(
     params=AmodalParams,
     row=LabelRow,
     reads=("raw", "odometry", "ground", "mask", "propose", "track"),
-    version=4,
+    version=5,
 )
