@@ -229,7 +229,7 @@ def _moved(motion: Array, xy_m: Array) -> Array:
 
 def _completed(size: Array, min_aspect: float, least_small: Array) -> Array:
     """Length and width of at least what a thing of that width or length has."""
-    length, width = size if size.max() > WIDE_M else np.maximum(size, least_small)
+    length, width = np.maximum(size, least_small)
     if width > WIDE_M or length > LONG_M:
         length, width = np.maximum((length, width), CAR_LW_M)
         length = max(length, min_aspect * width)
