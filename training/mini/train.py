@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from concepts import Concepts, load
 from evaluate import camvid_miou
-from pictures import VOID, Crops, camvid, city
+from pictures import MADE, THINGS, VOID, Batches, Picture, Source, camvid, city
 from safetensors.numpy import load_file
 from safetensors.torch import load_file as load_torch
 from safetensors.torch import save_file
@@ -24,6 +24,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 from torch.utils.data import DataLoader
 
+from upvl_cli.datasets.city.kinds import KINDS
 from upvl_cli.types import Array
 from upvl_cli.vlm.mini_network import CELL, STRIDE, MiniNetwork
 from upvl_cli.vlm.mini_text import MiniText, unit
@@ -82,8 +83,8 @@ class Lesson:
             )
         return torch.tensor(unit(np.array(drawn)))
 
-    def __call__(self, features: Tensor, label: Tensor, of_camvid: Tensor) -> Tensor:
-        """Features (n, d, h / 4, w / 4), labels (n, h, w), and which of the n are of CamVid."""
+    def __call__(self, features: Tensor, label: Tensor) -> Tensor:
+        """Features (n, d, h / 4, w / 4) and labels (n, h, w)."""
         place = torch.rand(len(features), PIXELS, 2) * 2 - 1
         at = functional.grid_sample(features, place[:, None], align_corners=False, padding_mode="border")[
             :, :, 0
@@ -95,10 +96,10 @@ class Lesson:
         shown = torch.gather(label.flatten(1), 1, row * width + column).long()
         words = self.words()
         every = torch.cat([words, torch.tensor(self.strangers)])
-        real, classes = at[of_camvid], shown[of_camvid]
-        made, concept = at[~of_camvid], self.of_city[shown[~of_camvid]]
-        return self.of_real(real[classes != VOID], classes[classes != VOID], every) + self.of_made(
-            made[concept >= 0], concept[concept >= 0], every
+        real, made = shown < MADE, (shown >= MADE) & (shown != VOID)
+        concept = self.of_city[shown[made] - MADE]
+        return self.of_real(at[real], shown[real], every) + self.of_made(
+            at[made][concept >= 0], concept[concept >= 0], every
         )
 
     def of_real(self, pixel: Tensor, classes: Tensor, every: Tensor) -> Tensor:
@@ -130,12 +131,12 @@ NEUTRAL = (
 )  # fmt: skip
 
 
-def counts(pictures, size: int) -> np.ndarray:
-    """(size,) how many pixels of each class there are."""
+def counts(pictures: list[Picture], first: int, size: int) -> np.ndarray:
+    """(size,) how many pixels there are of each label from the first on."""
     total = np.zeros(256)
     for picture in pictures:
         total += np.bincount(np.asarray(picture.label)[::4, ::4].ravel(), minlength=256)
-    return total[:size]
+    return total[first : first + size]
 
 
 def trunk(network: MiniNetwork, path: Path) -> None:
@@ -167,7 +168,8 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--minutes", type=float, default=60)
     parser.add_argument("--rate", type=float, default=1e-3)
     parser.add_argument("--start", type=Path, help="weights of an earlier run")
-    parser.add_argument("--batch", type=int, default=4, help="pictures of each source in a step")
+    parser.add_argument("--real", type=int, default=5, help="crops of CamVid in a step")
+    parser.add_argument("--made", type=int, default=3, help="crops of the city in a step")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--threads", type=int, default=os.cpu_count())
     return parser.parse_args()
@@ -186,7 +188,7 @@ class Pupil:
         self.network, self.mean, self.rate = MiniNetwork(dim), MiniNetwork(dim), rate
         trunk(self.network, trunk_path)
         if start:
-            self.network.load_state_dict(load_torch(start))
+            self.network.load_state_dict(load_torch(start), strict=False)  # packed ones lack counters
         self.mean.load_state_dict(self.network.state_dict())
         self.frozen = [self.network.stem, *self.network.stages[:FROZEN_STAGES]]
         for part in self.frozen:
@@ -202,7 +204,7 @@ class Pupil:
         self.network.to(memory_format=torch.channels_last)
         self.steps = 0
 
-    def step(self, rgb: Tensor, label: Tensor, of_camvid: Tensor, lesson: Lesson, part: float) -> float:
+    def step(self, rgb: Tensor, label: Tensor, lesson: Lesson, part: float) -> float:
         """Learn from one batch; returns the loss. `part` of the time is over."""
         warm = min(1.0, (self.steps + 1) / 60)
         for group in self.optimizer.param_groups:
@@ -212,7 +214,7 @@ class Pupil:
             frozen_part.eval()
         with torch.autocast("cpu", torch.bfloat16):
             features = self.network(rgb)
-        loss = lesson(features.float(), label, of_camvid)
+        loss = lesson(features.float(), label)
         self.optimizer.zero_grad()
         loss.backward()
         nn.utils.clip_grad_norm_(self.learns, 5.0)
@@ -252,24 +254,17 @@ def main() -> None:
     concepts = load(text, options.camvid)
     real, (made, names) = camvid(options.camvid, ("train", "val")), city(options.city)
     of_concepts = np.zeros(len(concepts.names))
-    for name, count in zip(names, counts(made, len(names)), strict=True):
+    for name, count in zip(names, counts(made, MADE, len(names)), strict=True):
         if name in concepts.of_city:
             of_concepts[concepts.of_city[name]] += count
-    lesson = Lesson(concepts, text, names, (counts(real, 11), of_concepts), options.seed)
+    lesson = Lesson(concepts, text, names, (counts(real, 0, 11), of_concepts), options.seed)
     pupil = Pupil(text.vectors.shape[1], options.trunk, options.start, options.rate)
     print(f"{len(real)} real, {len(made)} made-up pictures, {len(concepts.names)} concepts", flush=True)
-    streams = [
-        iter(
-            DataLoader(
-                Crops(pictures, SIZE, scales, seed),
-                batch_size=options.batch,
-                num_workers=1,
-                prefetch_factor=4,
-            )
-        )
-        for seed, (pictures, scales) in enumerate(((real, (0.6, 1.8)), (made, (0.5, 1.6))), options.seed)
-    ]
-    of_camvid = torch.arange(2 * options.batch) < options.batch
+    classes = (options.camvid / "classes.txt").read_text().splitlines()
+    things = [classes.index(name) for name in THINGS] + [MADE + names.index(name) for name in KINDS]
+    sources = [Source(real, (0.6, 1.8), options.real, 0.3), Source(made, (0.5, 1.6), options.made, 0.6)]
+    batches = Batches(sources, np.array(things), SIZE, options.seed)
+    stream = iter(DataLoader(batches, batch_size=None, num_workers=1, prefetch_factor=4))
     started, told, mean = time.monotonic(), 0.0, 0.0
 
     def keep(every: int) -> None:
@@ -279,9 +274,9 @@ def main() -> None:
         )
 
     while (minutes := (time.monotonic() - started) / 60) < options.minutes:
-        rgb, label = (torch.cat(both) for both in zip(*(next(stream) for stream in streams), strict=True))
+        rgb, label = next(stream)
         rgb = rgb.permute(0, 3, 1, 2).contiguous(memory_format=torch.channels_last)
-        loss = pupil.step(rgb, label, of_camvid, lesson, minutes / options.minutes)
+        loss = pupil.step(rgb, label, lesson, minutes / options.minutes)
         mean = loss if pupil.steps == 1 else mean + 0.02 * (loss - mean)
         if pupil.steps % 50 == 0:
             print(f"{minutes:5.1f} min step {pupil.steps} loss {mean:.3f}", flush=True)
