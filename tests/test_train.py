@@ -63,14 +63,17 @@ def table(folder: Path, stage: str) -> Table:
 
 
 def test_a_label_has_the_features_of_its_points(labelled: Path) -> None:
-    described, labels, features = (table(labelled, name) for name in ("describe", "nms", "extract-vl"))
+    described, labels, features, masks = (
+        table(labelled, name) for name in ("describe", "nms", "extract-vl", "mask")
+    )
     drive = Workspace(labelled / "stages", labelled / "out").drive(SEGMENT)
     points = 0
     for frame in (0, 10):
         row, of = described[frame], features[frame]
         np.testing.assert_array_equal(row.seven, labels[frame].seven)
         xyz = drive.points(frame).xyz_ego_m[of.state == SEEN]
-        inside = points_inside(xyz, row.seven, margin_m=0.0)
+        is_own = masks[frame].background[of.state == SEEN] == 0
+        inside = points_inside(xyz, row.seven, margin_m=0.0) & is_own
         for box in range(len(row.seven)):
             np.testing.assert_array_equal(row.feature[row.of_box == box], of.feature[inside[box]])
             assert row.pooled[box].any() == inside[box].any()

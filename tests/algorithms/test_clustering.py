@@ -25,7 +25,7 @@ def same_partition(left: np.ndarray, right: np.ndarray) -> bool:
     return pairs == len(np.unique(left)) == len(np.unique(right))
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 10**6), st.integers(1, 6), st.integers(1, 60))
 def test_core_voxels_fall_apart_as_sklearn_says(seed: int, blobs: int, stray: int) -> None:
     points = crowd(seed, blobs, stray)

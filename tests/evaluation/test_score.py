@@ -174,7 +174,7 @@ def test_a_box_that_is_no_box_is_refused(wrong: float) -> None:
             replace(boxes, seven=boxes.seven + wrong)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(LABELS, BOXES, st.booleans(), SCALES)
 def test_nothing_crashes_and_all_shares_are_shares(labels, boxes, moving_only, scale) -> None:
     case = material([(*place, last) for place, last in labels], [(*place, last) for place, last in boxes])
@@ -200,7 +200,7 @@ def test_nothing_crashes_and_all_shares_are_shares(labels, boxes, moving_only, s
     assert all(0 <= of.missed <= of.labels for of in found.misses)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(LABELS, BOXES)
 def test_where_all_labels_move_both_modes_agree(labels, boxes) -> None:
     case = material([(*place, MOVING) for place, _ in labels], [(*place, last) for place, last in boxes])

@@ -127,7 +127,7 @@ boxes = st.tuples(metres, metres, metres, sizes, sizes, sizes, headings)
 
 
 @given(boxes, boxes)
-@settings(deadline=None, max_examples=400)
+@settings(max_examples=400)
 def test_any_pair_equals_the_exact_clip(a: tuple[float, ...], b: tuple[float, ...]) -> None:
     assert iou_bev([a], [b])[0, 0] == pytest.approx(slow_bev(a, b), abs=1e-6)
     assert iou_3d([a], [b])[0, 0] == pytest.approx(slow_3d(a, b), abs=1e-6)
@@ -137,7 +137,6 @@ anything = st.floats(allow_nan=False, allow_infinity=False)
 
 
 @given(st.lists(st.tuples(*[anything] * 7), max_size=4))
-@settings(deadline=None)
 def test_any_finite_boxes_give_zero_to_one(rows: list[tuple[float, ...]]) -> None:
     for measure in (iou_bev, iou_3d):
         values = measure(np.reshape(rows, (-1, 7)), np.reshape(rows, (-1, 7)))

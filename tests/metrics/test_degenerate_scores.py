@@ -62,7 +62,7 @@ def streets(draw: st.DrawFn) -> tuple[Truth, Predictions]:
     )
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(streets(), st.sampled_from(["hungarian", "score_first"]), st.sampled_from([1e-6, 0.5, 1.0]))
 def test_values_stay_in_range(street: tuple[Truth, Predictions], matcher: Matcher, threshold: float) -> None:
     rule = {
@@ -83,7 +83,7 @@ def test_values_stay_in_range(street: tuple[Truth, Predictions], matcher: Matche
         assert (tracked.counts.match <= tracked.counts.truth).all()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(streets())
 def test_box_matches_are_one_to_one(street: tuple[Truth, Predictions]) -> None:
     truth, predictions = street
