@@ -27,6 +27,10 @@ class Picture:
     rgb: Image.Image
     label: Image.Image
 
+    def counts(self) -> Array:
+        """(256,) how many of each sixteenth pixel have each label."""
+        return np.bincount(np.asarray(self.label)[::4, ::4].ravel(), minlength=VOID + 1)
+
 
 def camvid(root: Path, splits: tuple[str, ...]) -> list[Picture]:
     """Pictures of CamVid with the numbers of its classes; the twelfth is void."""
@@ -73,15 +77,11 @@ class Source:
     crops: int
     sought: float
 
-    def showing(self, labels: Array) -> list[Array]:
-        """For each label that there is, the places of the pictures that show it."""
-        shown: dict[int, list[int]] = {int(label): [] for label in labels}
-        for place, picture in enumerate(self.pictures):
-            of_label = np.bincount(np.asarray(picture.label)[::4, ::4].ravel(), minlength=VOID + 1)
-            for label in shown:
-                if of_label[label] >= LEAST:
-                    shown[label].append(place)
-        return [np.array([label, *places]) for label, places in shown.items() if places]
+    def showing(self, labels: Array) -> list[tuple[int, list[Picture]]]:
+        """Each label that there is, and the pictures that show it."""
+        counted = [(picture, picture.counts()) for picture in self.pictures]
+        shown = [(label, [picture for picture, of in counted if of[label] >= LEAST]) for label in labels]
+        return [(label, pictures) for label, pictures in shown if pictures]
 
 
 class Batches(IterableDataset[tuple[Array, Array]]):
@@ -112,8 +112,8 @@ class Batches(IterableDataset[tuple[Array, Array]]):
         while True:
             for index in rng.permutation(len(source.pictures)):
                 if rng.random() < source.sought:
-                    label, *places = showing[rng.integers(len(showing))]
-                    picture = source.pictures[places[rng.integers(len(places))]]
+                    label, pictures = showing[rng.integers(len(showing))]
+                    picture = pictures[rng.integers(len(pictures))]
                     there = np.argwhere(np.asarray(picture.label) == label)
                     yield self.crop(picture, source.scales, rng, there[rng.integers(len(there))])
                 else:

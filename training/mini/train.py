@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from concepts import Concepts, load
 from evaluate import camvid_miou
-from pictures import MADE, THINGS, VOID, Batches, Picture, Source, camvid, city
+from pictures import MADE, THINGS, VOID, Batches, Source, camvid, city
 from safetensors.numpy import load_file
 from safetensors.torch import load_file as load_torch
 from safetensors.torch import save_file
@@ -129,14 +129,6 @@ NEUTRAL = (
     "island", "airplane", "boat", "ship", "cow", "horse", "cat", "bird", "snow", "mountain", "desert", "television",
     "shirt", "shoe", "table", "cup", "gun", "guitar", "doctor", "baby food", "planet", "statue",
 )  # fmt: skip
-
-
-def counts(pictures: list[Picture], first: int, size: int) -> np.ndarray:
-    """(size,) how many pixels there are of each label from the first on."""
-    total = np.zeros(256)
-    for picture in pictures:
-        total += np.bincount(np.asarray(picture.label)[::4, ::4].ravel(), minlength=256)
-    return total[first : first + size]
 
 
 def trunk(network: MiniNetwork, path: Path) -> None:
@@ -254,10 +246,12 @@ def main() -> None:
     concepts = load(text, options.camvid)
     real, (made, names) = camvid(options.camvid, ("train", "val")), city(options.city)
     of_concepts = np.zeros(len(concepts.names))
-    for name, count in zip(names, counts(made, MADE, len(names)), strict=True):
+    of_city = sum(picture.counts() for picture in made)[MADE : MADE + len(names)]
+    for name, count in zip(names, of_city, strict=True):
         if name in concepts.of_city:
             of_concepts[concepts.of_city[name]] += count
-    lesson = Lesson(concepts, text, names, (counts(real, 0, 11), of_concepts), options.seed)
+    of_camvid = sum(picture.counts() for picture in real)[:11]
+    lesson = Lesson(concepts, text, names, (of_camvid, of_concepts), options.seed)
     pupil = Pupil(text.vectors.shape[1], options.trunk, options.start, options.rate)
     print(f"{len(real)} real, {len(made)} made-up pictures, {len(concepts.names)} concepts", flush=True)
     classes = (options.camvid / "classes.txt").read_text().splitlines()

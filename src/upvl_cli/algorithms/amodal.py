@@ -208,7 +208,7 @@ def _model(
     sensor: Array,
     edge_share: float,
     min_aspect: float,
-    least_small: Array,
+    least: Array,
 ) -> tuple[Array, Array]:
     """(2,) middle of the whole object in the axes of its densest cloud, and (2,) its length and width."""
     if fitted:
@@ -218,7 +218,7 @@ def _model(
     else:
         size = _reached(high - low, edge_share)
         first, last, eye = -size / 2, size / 2, sensor
-    size = _completed(last - first, min_aspect, least_small)
+    size = _completed(last - first, min_aspect, least)
     middle = _behind(first[None], last[None], eye.mean(axis=0)[None], size)[0]
     return middle, size
 
@@ -227,9 +227,9 @@ def _moved(motion: Array, xy_m: Array) -> Array:
     return apply(motion, np.array([[*xy_m, 0.0]]))[0, :2]
 
 
-def _completed(size: Array, min_aspect: float, least_small: Array) -> Array:
+def _completed(size: Array, min_aspect: float, least: Array) -> Array:
     """Length and width of at least what a thing of that width or length has."""
-    length, width = np.maximum(size, least_small)
+    length, width = np.maximum(size, least)
     if width > WIDE_M or length > LONG_M:
         length, width = np.maximum((length, width), CAR_LW_M)
         length = max(length, min_aspect * width)

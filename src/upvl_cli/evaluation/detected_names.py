@@ -29,10 +29,8 @@ def types_of(workspace: Workspace, segment: str, rows: Table) -> dict[int, Ints]
     directions = workspace.model.embed_text(words)
     votes = Votes(np.array(kinds), lambda feature: fitted.basis.cosines(feature, directions))
     (trained,) = Table(workspace.shard("train", WHOLE), BY_NAME["train"].row)
-    pictures, masks = (
-        None if trained.distils else Table(workspace.shard(stage, segment), BY_NAME[stage].row)
-        for stage in ("extract-vl", "mask")
-    )
+    of_pictures = [] if trained.distils else ["extract-vl", "mask"]
+    tables = [Table(workspace.shard(stage, segment), BY_NAME[stage].row) for stage in of_pictures]
     number: dict[int, Ints] = {}
     alone = 0
     for row in rows:
@@ -41,11 +39,11 @@ def types_of(workspace: Workspace, segment: str, rows: Table) -> dict[int, Ints]
         own = -2 - alone - np.arange(len(row.track_id))
         alone += len(row.track_id)
         number[row.frame] = np.where(of_none, own, row.track_id)
-        if pictures is None or masks is None:
+        if trained.distils:
             votes.add_features(number[row.frame], row.of_box, row.feature)
         else:
-            of = pictures[row.frame]
-            point, feature = of_objects(of.state, of.feature, masks[row.frame].background)
+            of, mask = (table[row.frame] for table in tables)
+            point, feature = of_objects(of.state, of.feature, mask.background)
             xyz = workspace.drive(segment).points(row.frame).xyz_ego_m[point]
             votes.add(row.seven, number[row.frame], xyz, feature)
     return {frame: votes.of(of_frame)[0] for frame, of_frame in number.items()}
