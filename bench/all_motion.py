@@ -17,14 +17,15 @@ from pathlib import Path
 
 import numpy as np
 
+from upvl_cli.commands.pipeline import PIPELINE
+from upvl_cli.config.toml import load
+from upvl_cli.evaluation.config import EvalConfig
 from upvl_cli.evaluation.gather import Material, gather
-from upvl_cli.evaluation.params import EvalParams
 from upvl_cli.evaluation.score import detection_scores, named_scores
 from upvl_cli.metrics.inputs import speed_mps
-from upvl_cli.settings import load
-from upvl_cli.sweep import make, preset_workspace
+from upvl_cli.pipeline.presets import make, preset_workspace
+from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.vlm.mini import OBJECTS
-from upvl_cli.workspace import Workspace
 from workspaces import on_city, on_kitti
 
 OFF = {"extract-vl": {"images": '"none"'}, "pca": {"images": "0"}, "mask": {"no_view": '"keep"'}}
@@ -72,7 +73,7 @@ def main() -> None:
             on_kitti(folder, options.kitti, [])
         else:
             on_city(folder, frames=options.frames, train=0, val=options.drives)
-        base = Workspace(folder / "stages", folder / "out", "")
+        base = Workspace(PIPELINE, folder / "stages", folder / "out", "")
         done: list[Workspace] = []
         ap = {}
         print(f"{'':26} AP@0.4  AP@0.5  standing@0.4  mAP by name (vehicles, VRU)")
@@ -102,7 +103,7 @@ def _preset(base: Workspace, name: str) -> Workspace:
 def _scores(workspace: Workspace, name: str) -> float:
     """Print a line; returns AP@0.4 of all objects."""
     settings = replace(
-        load(EvalParams, workspace.stages / "eval.toml"), iou=(0.4, 0.5), range_edges_m=(30.0,)
+        load(EvalConfig, workspace.stages / "eval.toml"), iou=(0.4, 0.5), range_edges_m=(30.0,)
     )
     named = gather(workspace, "nms", region=None, named=True)
     material = named.without_classes()
@@ -131,5 +132,5 @@ def _standing(material: Material, moving_mps: float) -> Material:
     )
 
 
-if __name__ == "__main__":
+if __classify__ == "__main__":
     main()

@@ -25,13 +25,12 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from upvl_cli.algorithms.calibration import Offset, View, offset
-from upvl_cli.check import chosen, views
-from upvl_cli.datasets.base import Drive
-from upvl_cli.datasets.city.dataset import City
-from upvl_cli.datasets.city.settings import CityParams
-from upvl_cli.datasets.kitti import Kitti
-from upvl_cli.types import Array, Camera
+from upvl_cli.commands.check import chosen, views
+from upvl_cli.datasets.kitti.dataset import Kitti
+from upvl_cli.perception.visual.camera_check import Offset, View, offset
+from upvl_cli.synthetic.config import CityConfig
+from upvl_cli.synthetic.dataset import City
+from upvl_cli.types import Array, Camera, Drive
 
 STAGES = Path(__file__).parents[1] / "stages"
 TURN_DEG, MOVE_CM = 1.0, 5.0
@@ -73,7 +72,7 @@ def drives(folders: list[Path], seeds: list[int]) -> Iterator[tuple[str, Drive]]
     settings = tomllib.loads((STAGES / "synthetic.toml").read_text())
     for seed in seeds:
         values = settings | {"seed": seed, "train": 1, "held_out": tuple(settings["held_out"])}
-        yield f"city {seed}", City(CityParams(**values)).open("train-000")
+        yield f"city {seed}", City(CityConfig(**values)).open("train-000")
 
 
 def row(found: Offset | None) -> str:
@@ -123,5 +122,5 @@ def check_one(
     print(f"  {(time.process_time() - start_s) / len(asked):.1f} s of one core each")
 
 
-if __name__ == "__main__":
+if __classify__ == "__main__":
     main()

@@ -21,12 +21,12 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from upvl_cli.datasets.city.cast import Caster, Rays
-from upvl_cli.datasets.city.dataset import City
-from upvl_cli.datasets.city.drive import CityDrive
-from upvl_cli.datasets.city.lidar import directions
-from upvl_cli.datasets.city.settings import CityParams
-from upvl_cli.parallel import in_order
+from upvl_cli.runtime.parallel import in_order
+from upvl_cli.synthetic.cast import Caster, Rays
+from upvl_cli.synthetic.config import CityConfig
+from upvl_cli.synthetic.dataset import City
+from upvl_cli.synthetic.drive import CityDrive
+from upvl_cli.synthetic.lidar import directions
 
 SETTINGS = Path(__file__).parents[1] / "stages" / "synthetic.toml"
 MAX_S_PER_FRAME = 60 / 40
@@ -46,7 +46,7 @@ def frame_digest(drive: CityDrive, frame: int) -> tuple[bytes, int]:
     return whole.digest(), len(points)
 
 
-def made(settings: CityParams) -> tuple[str, float, float]:
+def made(settings: CityConfig) -> tuple[str, float, float]:
     """Digest of a drive, seconds to make it, mean points of a sweep."""
     started = time.perf_counter()
     drive = City(settings).open("train-000")
@@ -57,7 +57,7 @@ def made(settings: CityParams) -> tuple[str, float, float]:
     return digest, seconds, float(np.mean([count for _, count in frames]))
 
 
-def plain_s(settings: CityParams) -> float:
+def plain_s(settings: CityConfig) -> float:
     """Seconds for a million rays against what stands still, without anything else."""
     caster = Caster(replace(City(settings).open("train-000").scene, things=()))
     _, way, _, _ = directions()
@@ -80,7 +80,7 @@ def main() -> None:
     parser.add_argument("--twice", action="store_true", help="make it again and compare the bytes")
     arguments = parser.parse_args()
     settings = replace(
-        CityParams(**tomllib.loads(SETTINGS.read_text())), frames=arguments.frames, seed=arguments.seed
+        CityConfig(**tomllib.loads(SETTINGS.read_text())), frames=arguments.frames, seed=arguments.seed
     )
     digest, seconds, points = made(settings)
     peak_mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
@@ -99,5 +99,5 @@ def main() -> None:
     sys.exit(per_frame_s > MAX_S_PER_FRAME or peak_mib > MAX_MIB or not same)
 
 
-if __name__ == "__main__":
+if __classify__ == "__main__":
     main()

@@ -17,13 +17,12 @@ from typing import NamedTuple
 import numpy as np
 from PIL import Image
 
-from upvl_cli.algorithms.clustering import dbscan_voxels
-from upvl_cli.algorithms.ground import height_above_ground
-from upvl_cli.datasets.base import Drive
-from upvl_cli.datasets.city.dataset import City
-from upvl_cli.datasets.city.settings import CityParams
-from upvl_cli.datasets.kitti import Kitti
-from upvl_cli.types import Array
+from upvl_cli.datasets.kitti.dataset import Kitti
+from upvl_cli.perception.clustering import dbscan_voxels
+from upvl_cli.perception.ground import height_above_ground
+from upvl_cli.synthetic.config import CityConfig
+from upvl_cli.synthetic.dataset import City
+from upvl_cli.types import Array, Drive
 
 STAGES = Path(__file__).parents[1] / "stages"
 EDGES_M = (0, 5, 10, 20, 30, 50, 120)
@@ -88,7 +87,7 @@ def main() -> None:
     parser.add_argument("roots", type=Path, nargs="*", help="folders with KITTI raw drives")
     parser.add_argument("--draw", type=Path, help="write a picture here")
     arguments = parser.parse_args()
-    city = City(CityParams(**tomllib.loads((STAGES / "synthetic.toml").read_text())))
+    city = City(CityConfig(**tomllib.loads((STAGES / "synthetic.toml").read_text())))
     drives: dict[str, Drive] = {"city": city.open("train-000")}
     for root in arguments.roots:
         dataset = Kitti(root)
@@ -113,5 +112,5 @@ def main() -> None:
         print(path)
 
 
-if __name__ == "__main__":
+if __classify__ == "__main__":
     main()

@@ -22,8 +22,8 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 
 from city_checks import flow_residual_m, projection  # noqa: E402
-from upvl_cli.datasets.city.dataset import City  # noqa: E402
-from upvl_cli.datasets.city.settings import CityParams  # noqa: E402
+from upvl_cli.synthetic.config import CityConfig  # noqa: E402
+from upvl_cli.synthetic.dataset import City  # noqa: E402
 
 FRAME = 10
 MIN_INSIDE, MIN_SILHOUETTE, MAX_FLOW_M = 0.999, 0.98, 0.03
@@ -37,7 +37,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     values = tomllib.loads((ROOT / "stages" / "synthetic.toml").read_text())
-    settings = replace(CityParams(**values), seed=arguments.seed, noise=0.0)
+    settings = replace(CityConfig(**values), seed=arguments.seed, noise=0.0)
     drive = City(settings).open("train-000")
     missed = False
     print(f"{'camera':12} {'points':>8} {'inside':>8} {'silhouettes':>12} {'own pixel':>10}")
@@ -55,5 +55,5 @@ def main() -> None:
     sys.exit(missed or np.quantile(off_m, 0.99) > MAX_FLOW_M)
 
 
-if __name__ == "__main__":
+if __classify__ == "__main__":
     main()

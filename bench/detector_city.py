@@ -21,19 +21,20 @@ from pathlib import Path
 
 import numpy as np
 
-from upvl_cli.datasets.label_sources import LABELS
+from upvl_cli.commands.pipeline import PIPELINE
+from upvl_cli.config.toml import load
+from upvl_cli.datasets.label_registry import label_source
+from upvl_cli.evaluation.config import EvalConfig
 from upvl_cli.evaluation.gather import gather
-from upvl_cli.evaluation.params import EvalParams
 from upvl_cli.evaluation.region import Region
 from upvl_cli.evaluation.score import detection_scores, named_scores
 from upvl_cli.geometry.iou import iou_bev
-from upvl_cli.querying.classes import of_phrases
-from upvl_cli.querying.find import Filters, find
-from upvl_cli.querying.question import question
-from upvl_cli.querying.run import params
-from upvl_cli.querying.store import store
-from upvl_cli.settings import load
-from upvl_cli.workspace import Workspace
+from upvl_cli.pipeline.workspace import Workspace
+from upvl_cli.query.classes import of_phrases
+from upvl_cli.query.find import Filters, find
+from upvl_cli.query.question import question
+from upvl_cli.query.run import params
+from upvl_cli.query.store import store
 from workspaces import on_city
 
 AROUND = Region(100.0, 40.0)
@@ -102,9 +103,9 @@ def _learn(folder: Path, steps: int | None, distil: float, seed: int) -> None:
 
 
 def _scored(folder: Path, drives: list[str], name: str, stage: str) -> None:
-    workspace = Workspace(folder / "stages", folder / "out")
+    workspace = Workspace(PIPELINE, folder / "stages", folder / "out")
     settings = replace(
-        load(EvalParams, workspace.stages / "eval.toml"), iou=(0.4, 0.5), range_edges_m=(30.0,)
+        load(EvalConfig, workspace.stages / "eval.toml"), iou=(0.4, 0.5), range_edges_m=(30.0,)
     )
     named = gather(workspace, stage, region=AROUND, named=True, segments=drives)
     agnostic = named.without_classes()
@@ -126,9 +127,9 @@ def _asked(folder: Path, drives: list[str], on: str, by: str) -> None:
         on: "labels" or "detections".
         by: Whether the points of a box vote, or its mean feature is asked: an ablation of the paper.
     """
-    workspace = Workspace(folder / "stages", folder / "out")
+    workspace = Workspace(PIPELINE, folder / "stages", folder / "out")
     settings = params(workspace, {})
-    source = LABELS[workspace.raw.dataset](Path(workspace.raw.root), workspace.dataset)
+    source = label_source(workspace.raw.dataset, Path(workspace.raw.root), workspace.dataset)
     labels = {name: source.labels(name) for name in drives}
     print(f"asked of {on}, by {by}: boxes of the kind with 6 points or more found, and hits on another thing")
     for phrase in ASKED:
@@ -162,5 +163,5 @@ def _is(phrase: str, truth) -> np.ndarray:
     return np.array([phrase in kind for kind in truth.kind], dtype=np.bool_)
 
 
-if __name__ == "__main__":
+if __classify__ == "__main__":
     main()

@@ -21,13 +21,14 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from upvl_cli.commands.pipeline import PIPELINE
+from upvl_cli.config.toml import load
+from upvl_cli.evaluation.config import EvalConfig
 from upvl_cli.evaluation.gather import Material, gather
-from upvl_cli.evaluation.params import EvalParams
 from upvl_cli.evaluation.score import TrackScore, detection_scores, track_scores
 from upvl_cli.geometry.iou import iou_3d, iou_bev
 from upvl_cli.metrics.inputs import Predictions, Truth, speed_mps
-from upvl_cli.settings import load
-from upvl_cli.workspace import Workspace
+from upvl_cli.pipeline.workspace import Workspace
 from workspaces import on_kitti
 
 FAR_M = 50.0
@@ -60,7 +61,7 @@ def frames(truth: Truth, predictions: Predictions) -> Iterator[tuple[np.ndarray,
         )
 
 
-def print_scores(name: str, material: Material, settings: EvalParams) -> None:
+def print_scores(name: str, material: Material, settings: EvalConfig) -> None:
     """Print AP and tracking scores of one part of the ground."""
     print(
         f"{name}: {int((speed_mps(material.labels.velocity_mps) >= settings.moving_mps).sum())} moving labels"
@@ -82,7 +83,7 @@ def print_scores(name: str, material: Material, settings: EvalParams) -> None:
             )
 
 
-def idf1(material: Material, settings: EvalParams, track: TrackScore) -> float:
+def idf1(material: Material, settings: EvalConfig, track: TrackScore) -> float:
     """Return IDF1 (Ristani et al., 2016) of the moving labels, with the boxes that gave the best MOTA."""
     moving = speed_mps(material.labels.velocity_mps) >= settings.moving_mps
     fast = speed_mps(material.predictions.velocity_mps) >= settings.moving_mps
@@ -152,8 +153,10 @@ def main() -> int:
         subprocess.run(
             [upvl, "autolabel", "--moving-only"], cwd=folder, check=True, stdout=subprocess.DEVNULL
         )
-        settings = load(EvalParams, folder / "stages" / "eval.toml")
-        in_view = gather(Workspace(folder / "stages", folder / "out"), "nms", region=None).without_classes()
+        settings = load(EvalConfig, folder / "stages" / "eval.toml")
+        in_view = gather(
+            Workspace(PIPELINE, folder / "stages", folder / "out"), "nms", region=None
+        ).without_classes()
     close = near(in_view)
     print_scores("front view", in_view, settings)
     print_scores(f"front view, up to {FAR_M:g} m", close, settings)
@@ -164,5 +167,5 @@ def main() -> int:
     return 0 if all(passed) else 1
 
 
-if __name__ == "__main__":
+if __classify__ == "__main__":
     raise SystemExit(main())

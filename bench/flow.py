@@ -30,13 +30,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 from sklearn.cluster import DBSCAN
 
-from upvl_cli.algorithms.flow import estimate
-from upvl_cli.algorithms.registration import align_yaw
-from upvl_cli.algorithms.voxels import voxelize
+from upvl_cli.config.toml import load
 from upvl_cli.geometry.se3 import apply
 from upvl_cli.metrics.flow import FlowErrors, flow_errors
-from upvl_cli.settings import load
-from upvl_cli.stages.flow import FlowParams
+from upvl_cli.perception.flow.estimate import estimate
+from upvl_cli.perception.registration import align_yaw
+from upvl_cli.perception.voxels import voxelize
+from upvl_cli.stages.flow import FlowConfig
 
 ROOT = Path(__file__).parents[1]
 PAIR = ROOT.parent / "shared" / "data" / "flow_pair_a" / "pair.npz"
@@ -89,7 +89,7 @@ def plain(source_m: np.ndarray, target_m: np.ndarray, dt_s: float) -> np.ndarray
 def shipped(source_m: np.ndarray, target_m: np.ndarray, dt_s: float) -> np.ndarray:
     """The stage's algorithm with the values of `stages/flow.toml`."""
     return (
-        estimate(source_m, target_m, dt_s, **asdict(load(FlowParams, ROOT / "stages" / "flow.toml"))) * dt_s
+        estimate(source_m, target_m, dt_s, **asdict(load(FlowConfig, ROOT / "stages" / "flow.toml"))) * dt_s
     )
 
 
@@ -150,5 +150,5 @@ def main() -> None:
     sys.exit(ours.errors.three_way_epe_m > reference.errors.three_way_epe_m + WORSE_M)
 
 
-if __name__ == "__main__":
+if __classify__ == "__main__":
     main()

@@ -22,10 +22,11 @@ from pathlib import Path
 import numpy as np
 from sklearn.cluster import DBSCAN
 
-from upvl_cli.cli.labelling import MOVING_ONLY
+from upvl_cli.cli.labels import MOVING_ONLY
+from upvl_cli.commands.pipeline import PIPELINE
+from upvl_cli.pipeline.presets import remember
+from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.stages import LABELLING
-from upvl_cli.sweep import remember
-from upvl_cli.workspace import Workspace
 from workspaces import on_kitti
 
 MIN_FRAMES_PER_S = 2.0
@@ -66,7 +67,7 @@ def main() -> None:
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         folder = on_kitti(arguments.keep or Path(temporary), arguments.root, [])
-        workspace = Workspace(folder / "stages", folder / "out", MOVING_ONLY)
+        workspace = Workspace(PIPELINE, folder / "stages", folder / "out", MOVING_ONLY)
         remember(workspace)
         drives = [workspace.dataset.open(name) for name in workspace.segments]
         frames = sum(len(drive.frames) for drive in drives)
@@ -87,5 +88,5 @@ def main() -> None:
     sys.exit(rate < MIN_FRAMES_PER_S or peak_mib > MAX_PEAK_MIB)
 
 
-if __name__ == "__main__":
+if __classify__ == "__main__":
     main()

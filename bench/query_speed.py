@@ -21,16 +21,18 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command has it
 import numpy as np
 
 from machine import Stolen
-from upvl_cli.algorithms.open_vocabulary import KEPT, fit
-from upvl_cli.querying.classes import of_phrases
-from upvl_cli.querying.find import Filters, find
-from upvl_cli.querying.question import question
-from upvl_cli.querying.store import store
-from upvl_cli.rows import ObjectRow
+from upvl_cli.commands.pipeline import PIPELINE
+from upvl_cli.perception.visual.open_vocabulary import KEPT, fit
+from upvl_cli.pipeline.stage import WHOLE_DATASET
+from upvl_cli.pipeline.tables import footer_digest, write
+from upvl_cli.pipeline.workspace import Workspace
+from upvl_cli.query.classes import of_phrases
+from upvl_cli.query.find import Filters, find
+from upvl_cli.query.question import question
+from upvl_cli.query.store import store
 from upvl_cli.stages.pca import PcaRow
-from upvl_cli.tables import footer_digest, write
+from upvl_cli.stages.rows import ObjectRow
 from upvl_cli.vlm.mini import Mini
-from upvl_cli.workspace import WHOLE, Workspace
 from workspaces import on_kitti
 
 BOXES, FRAMES = 50, 200  # as a drive of Waymo Open has them
@@ -100,18 +102,18 @@ def _query(folder: Path, *options: str) -> None:
 
 def _workspace(folder: Path, drives: int, points: int) -> Workspace:
     on_kitti(folder, folder / "drives", [])  # where no drive is: a query needs none
-    workspace = Workspace(folder / "stages", folder / "out")
+    workspace = Workspace(PIPELINE, folder / "stages", folder / "out")
     looks = Mini().embed_text(Mini().text.phrases)
     basis = fit([looks], looks.shape[1])
-    fitted = PcaRow(WHOLE, 0, basis.mean, basis.components.ravel(), basis.scale, basis.variance_kept)
+    fitted = PcaRow(WHOLE_DATASET, 0, basis.mean, basis.components.ravel(), basis.scale, basis.variance_kept)
     stamp = json.dumps({"vlm": workspace.model_stamp})
-    write(workspace.shard("pca", WHOLE), PcaRow, [fitted], stamp=stamp, counts={})
-    stamp = json.dumps({"inputs": {"pca": footer_digest(workspace.shard("pca", WHOLE))}})
+    write(workspace.shard("pca", WHOLE_DATASET), PcaRow, [fitted], stamp=stamp, counts={})
+    stamp = json.dumps({"inputs": {"pca": footer_digest(workspace.shard("pca", WHOLE_DATASET))}})
     codes = basis.rounded(basis.kept(looks))
     for drive in range(drives):
         name = f"drive-{drive:04d}"
         rows = _rows(name, drive, points, codes)
-        write(workspace.shard("describe", name), ObjectRow, rows, stamp=stamp, counts={})
+        write(workspace.shard("pool-features", name), ObjectRow, rows, stamp=stamp, counts={})
     return workspace
 
 
@@ -137,5 +139,5 @@ def _rows(segment: str, seed: int, points: int, codes: np.ndarray) -> Iterator[O
         )
 
 
-if __name__ == "__main__":
+if __classify__ == "__main__":
     main()

@@ -13,16 +13,16 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from city_checks import first_on_way, pose_at
-from upvl_cli.algorithms.ground import height_above_ground
-from upvl_cli.algorithms.views import OCCLUDED, SEEN, at_time, view
-from upvl_cli.datasets.city.cameras import trigger_s
-from upvl_cli.datasets.city.cast import Caster
-from upvl_cli.datasets.city.drive import RATE_HZ, CityDrive
-from upvl_cli.datasets.city.settings import CityParams
+from upvl_cli.config.toml import load
 from upvl_cli.geometry.se3 import apply
-from upvl_cli.settings import load
-from upvl_cli.stages.extract_vl import ExtractVlParams
-from upvl_cli.stages.ground import GroundParams
+from upvl_cli.perception.ground import height_above_ground
+from upvl_cli.perception.visual.views import OCCLUDED, SEEN, at_time, view
+from upvl_cli.stages.extract_vl import ExtractVlConfig
+from upvl_cli.stages.ground import GroundConfig
+from upvl_cli.synthetic.cameras import trigger_s
+from upvl_cli.synthetic.cast import Caster
+from upvl_cli.synthetic.config import CityConfig
+from upvl_cli.synthetic.drive import RATE_HZ, CityDrive
 
 STAGES = Path(__file__).parents[1] / "stages"
 HIDDEN_M = 0.5  # what is this much in front of a point hides it
@@ -34,12 +34,12 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--frames", type=int, nargs="+", default=[5, 20, 35])
     options = parser.parse_args()
-    params = load(ExtractVlParams, STAGES / "extract-vl.toml")
+    params = load(ExtractVlConfig, STAGES / "extract-vl.toml")
     limits = {
         name: getattr(params, name)
         for name in ("border_px", "gap_deg", "closer_m", "closer_share", "glass_m")
     }
-    settings = load(CityParams, STAGES / "synthetic.toml")
+    settings = load(CityConfig, STAGES / "synthetic.toml")
     drive = CityDrive(name="views", seed=(options.seed, 1, 0), without=(), settings=settings)
     table = np.zeros((2, 2), dtype=np.int64)  # truly hidden or not, called occluded or not
     for frame in options.frames:
@@ -57,7 +57,7 @@ def _of(drive: CityDrive, frame: int, camera, limits: dict[str, float]) -> np.nd
     time_s = frame / RATE_HZ + late_s
     pose = pose_at(drive, time_s)
     xyz = at_time(points.xyz_ego_m, truth.velocity_mps, late_s, drive.world_from_ego[frame], pose)
-    shape = load(GroundParams, STAGES / "ground.toml")
+    shape = load(GroundConfig, STAGES / "ground.toml")
     height_m = height_above_ground(
         points.xyz_ego_m,
         start_z_m=drive.ground_z_m,
@@ -81,5 +81,5 @@ def _of(drive: CityDrive, frame: int, camera, limits: dict[str, float]) -> np.nd
     )
 
 
-if __name__ == "__main__":
+if __classify__ == "__main__":
     main()

@@ -13,13 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-from upvl_cli.algorithms.views import SEEN
-from upvl_cli.datasets.city.kind import CYCLIST, PEDESTRIAN, VEHICLE
-from upvl_cli.datasets.city.kinds import KINDS
-from upvl_cli.datasets.city.piece import STUFF
-from upvl_cli.look import table_of
-from upvl_cli.stages import BY_NAME
-from upvl_cli.workspace import WHOLE, Workspace
+from upvl_cli.commands.draw import table_of
+from upvl_cli.commands.pipeline import PIPELINE
+from upvl_cli.perception.visual.views import SEEN
+from upvl_cli.pipeline.stage import WHOLE_DATASET
+from upvl_cli.pipeline.workspace import Workspace
+from upvl_cli.synthetic.kind import CYCLIST, PEDESTRIAN, VEHICLE
+from upvl_cli.synthetic.kinds import KINDS
+from upvl_cli.synthetic.piece import STUFF
 from workspaces import make, on_city
 
 GROUPS = ("vehicle", "VRU", "background")
@@ -43,20 +44,20 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as scratch:
         folder = on_city(options.keep or Path(scratch), frames=options.frames, train=0, val=options.drives)
         make(folder, "odometry", "ground", "flow", "pca", "extract-vl")
-        workspace = Workspace(folder / "stages", folder / "out")
+        workspace = Workspace(PIPELINE, folder / "stages", folder / "out")
         sys.exit(not scored(workspace))
 
 
 def scored(workspace: Workspace) -> bool:
     """Print the scores; whether the bar is met."""
-    names = workspace.settings(BY_NAME["name"])
-    background = workspace.settings(BY_NAME["mask"]).background
+    names = workspace.settings(PIPELINE.by_name["classify"])
+    background = workspace.settings(PIPELINE.by_name["mask"]).background
     lists = (names.vehicle, (*names.pedestrian, *names.cyclist), (*background, *names.other))
     group_words = workspace.model.embed_text([word for some in lists for word in some])
     group_of_word = np.repeat(np.arange(3), [len(some) for some in lists])
     kinds = list(dict.fromkeys([*KINDS, *STUFF]))
     kind_words = workspace.model.embed_text(kinds)
-    (fitted,) = table_of(workspace, "pca", WHOLE)
+    (fitted,) = table_of(workspace, "pca", WHOLE_DATASET)
     confusion = np.zeros((3, 3), dtype=np.int64)
     hits, total = np.zeros(len(kinds)), np.zeros(len(kinds))
     for segment in workspace.segments:
@@ -91,5 +92,5 @@ def scored(workspace: Workspace) -> bool:
     return bool(right >= 0.85)
 
 
-if __name__ == "__main__":
+if __classify__ == "__main__":
     main()

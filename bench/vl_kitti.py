@@ -13,12 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
-from upvl_cli.algorithms.views import SEEN
-from upvl_cli.datasets.label_sources import LABELS
+from upvl_cli.commands.draw import table_of
+from upvl_cli.commands.pipeline import PIPELINE
+from upvl_cli.datasets.label_registry import label_source
 from upvl_cli.geometry.boxes import points_inside
-from upvl_cli.look import table_of
-from upvl_cli.stages import BY_NAME
-from upvl_cli.workspace import WHOLE, Workspace
+from upvl_cli.perception.visual.views import SEEN
+from upvl_cli.pipeline.stage import WHOLE_DATASET
+from upvl_cli.pipeline.workspace import Workspace
 from workspaces import make, on_kitti
 
 VEHICLE = 1
@@ -34,18 +35,18 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as scratch:
         folder = on_kitti(options.keep or Path(scratch), options.root, [])
         make(folder, "odometry", "ground", "flow", "pca", "extract-vl")
-        workspace = Workspace(folder / "stages", folder / "out")
+        workspace = Workspace(PIPELINE, folder / "stages", folder / "out")
         (segment,) = workspace.segments
         sys.exit(not scored(workspace, segment))
 
 
 def scored(workspace: Workspace, segment: str) -> bool:
     """Print both shares; whether both bars are met."""
-    vehicle = workspace.settings(BY_NAME["name"]).vehicle
-    background = workspace.settings(BY_NAME["mask"]).background
+    vehicle = workspace.settings(PIPELINE.by_name["classify"]).vehicle
+    background = workspace.settings(PIPELINE.by_name["mask"]).background
     words = workspace.model.embed_text([*vehicle, *background])
-    (fitted,) = table_of(workspace, "pca", WHOLE)
-    source = LABELS[workspace.raw.dataset](Path(workspace.raw.root), workspace.dataset)
+    (fitted,) = table_of(workspace, "pca", WHOLE_DATASET)
+    source = label_source(workspace.raw.dataset, Path(workspace.raw.root), workspace.dataset)
     labels, frames = source.labels(segment), source.frames(segment)
     features, ground = table_of(workspace, "extract-vl", segment), table_of(workspace, "ground", segment)
     vehicles, rest = np.zeros(2), np.zeros(2)
@@ -72,5 +73,5 @@ def scored(workspace: Workspace, segment: str) -> bool:
     return bool(shares[0] >= 0.80 and shares[1] >= 0.90)
 
 
-if __name__ == "__main__":
+if __classify__ == "__main__":
     main()

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from machine import Stolen
-from upvl_cli.parallel import in_order
+from upvl_cli.runtime.parallel import in_order
 from upvl_cli.vlm.mini import Mini
 from workspaces import make, on_kitti
 
@@ -57,5 +57,5 @@ def main() -> None:
     sys.exit(not (rate >= 4 and run["peak_mib"] <= 2048))
 
 
-if __name__ == "__main__":
+if __classify__ == "__main__":
     main()

@@ -6,12 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from upvl_cli.datasets.city.cameras import trigger_s
-from upvl_cli.datasets.city.cast import Caster, Rays
-from upvl_cli.datasets.city.drive import RATE_HZ, CityDrive
-from upvl_cli.datasets.city.lidar import ROOF_M
 from upvl_cli.geometry.camera import project
 from upvl_cli.geometry.se3 import apply, inverse
+from upvl_cli.synthetic.cameras import trigger_s
+from upvl_cli.synthetic.cast import Caster, Rays
+from upvl_cli.synthetic.drive import RATE_HZ, CityDrive
+from upvl_cli.synthetic.lidar import ROOF_M
 from upvl_cli.types import Array, Bools, Camera, Floats
 
 SEEN_M = 0.05  # a camera sees a point when nothing is more than this nearer

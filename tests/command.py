@@ -53,7 +53,7 @@ def upvl(workspace: Path, *arguments: str, **environment: str) -> subprocess.Com
     """Run one command in a workspace and wait for its end."""
     return subprocess.run(
         [UPVL, *arguments], cwd=workspace, capture_output=True, text=True, timeout=300,
-        env={"PATH": "/usr/bin:/bin", "COLUMNS": "120", **environment},
+        env={"PATH": "/usr/bin:/bin", "COLUMNS": "120", "PYTHONPATH": str(ROOT / "tests"), **environment},
     )  # fmt: skip
 
 

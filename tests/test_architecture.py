@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from upvl_cli.pipeline.workspace import NO_STAGES
 from upvl_cli.stages import STAGES
-from upvl_cli.workspace import NO_STAGES
 
 SOURCE = Path(__file__).parents[1] / "src" / "upvl_cli"
 MODULES = sorted(SOURCE.rglob("*.py"))

@@ -1,9 +1,11 @@
-"""What a drive is made of: frozen dataclasses of parallel arrays, checked once, on construction."""
+"""What a drive is made of: frozen dataclasses of parallel arrays, and what datasets and models offer."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from typing import Any, Self
+from pathlib import Path
+from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -118,42 +120,231 @@ class Image:
 
 @dataclass(frozen=True)
 class Boxes(ParallelArrays):
-    """Upright 3D boxes of one frame in its ego axes, for example auto labels or detections.
+    """Upright 3D boxes, in the axes that their owner says.
 
     Attributes:
-        seven: (n, 7) x, y, z of the centre, length, width, height (m), heading (rad, counter-clockwise
-            from x): the paper's seven.
-        velocity_mps: (n, 3) speed over the ground along the ego axes.
+        center_m: (n, 3) x, y, z of the centres.
+        size_lwh_m: (n, 3) length, width and height.
+        heading_rad: (n,) direction of the length, counter-clockwise from x.
+    """
+
+    center_m: Array = array("float64", 3)
+    size_lwh_m: Array = array("float64", 3)
+    heading_rad: Array = array("float64")
+
+    @classmethod
+    def from_rows(cls, rows: Array, **others: Array) -> Self:
+        """Return boxes from (n, 7) rows of x, y, z, length, width, height (m), heading (rad).
+
+        Args:
+            rows: (n, 7) boxes, or nothing at all.
+            others: The further arrays of a class with more of them.
+
+        Raises:
+            BadInput: The shape is another one.
+        """
+        rows = np.asarray(rows, dtype=np.float64)
+        rows = rows.reshape(0, 7) if rows.size == 0 else rows
+        if rows.ndim != 2 or rows.shape[1] != 7:
+            raise BadInput(f"boxes have shape {rows.shape}, expected (n, 7): x, y, z, l, w, h, heading")
+        return cls(center_m=rows[:, :3], size_lwh_m=rows[:, 3:6], heading_rad=rows[:, 6], **others)
+
+    def to_rows(self) -> Array:
+        """Return (n, 7) rows of x, y, z, length, width, height (m), heading (rad)."""
+        return np.column_stack([self.center_m, self.size_lwh_m, self.heading_rad])
+
+    @property
+    def seven(self) -> Array:
+        """TEMPORARY: the rows, until every room uses the named parts."""
+        return self.to_rows()
+
+
+@dataclass(frozen=True)
+class TrackedBoxes(Boxes):
+    """Boxes of one frame in its ego axes, for example auto labels or detections.
+
+    Attributes:
+        velocity_mps: (n, 3) velocity over the ground along the ego axes.
         score: (n,) confidence, 0 to 1.
         track_id: (n,) number of the track, -1 for none.
     """
 
-    seven: Array = array("float64", 7)
     velocity_mps: Array = array("float64", 3)
     score: Array = array("float64")
     track_id: Array = array("int64")
 
 
 @dataclass(frozen=True)
-class Labels(ParallelArrays):
-    """Human (or simulated) boxes of a whole segment, for evaluation only.
+class Labels(Boxes):
+    """Human (or simulated) boxes of a whole segment, each in the ego axes of its frame; for evaluation only.
 
     Attributes:
         frame: (n,) index of the frame.
-        seven: (n, 7) boxes in the ego axes of that frame, as in `Boxes`.
         object_id: (n,) which object; the same in all frames.
-        kind: (n,) the dataset's own name of the kind, for example "Car".
+        class_name: (n,) the dataset's own name of the class, for example "Car".
         type: (n,) VEHICLE 1, PEDESTRIAN 2, SIGN 3, CYCLIST 4; 0 for anything else (Waymo's numbers).
         velocity_mps: (n, 3) over the ground along the ego axes; NaN where the dataset gives none.
-        points: (n,) LiDAR points inside the box; -1 where the dataset gives none.
+        num_points: (n,) LiDAR points inside the box; -1 where the dataset gives none.
         difficulty: (n,) 1 or 2 as the dataset says; 0 where it says nothing.
     """
 
     frame: Array = array("int64")
-    seven: Array = array("float64", 7)
     object_id: Array = array("str")
-    kind: Array = array("str")
+    class_name: Array = array("str")
     type: Array = array("int8")
     velocity_mps: Array = array("float64", 3)
-    points: Array = array("int64")
+    num_points: Array = array("int64")
     difficulty: Array = array("int8")
+
+
+@dataclass(frozen=True)
+class Ragged:
+    """For each of n things any number of items.
+
+    Attributes:
+        values: (m, ...) the items of the first thing, then those of the second, and so on.
+        count: (n,) how many each has.
+    """
+
+    values: Array
+    count: Ints
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", np.asarray(self.values))
+        object.__setattr__(self, "count", np.asarray(self.count, dtype=np.int64))
+        if self.count.ndim != 1 or self.count.sum() != len(self.values):
+            raise BadInput(f"{len(self.values)} items for counts that add up to {self.count.sum()}")
+
+    @property
+    def owner(self) -> Ints:
+        """(m,) the thing that each item belongs to, ascending."""
+        return np.repeat(np.arange(len(self.count)), self.count)
+
+    @classmethod
+    def grouped(cls, owner: Ints, values: Array, total: int) -> Self:
+        """Return items under their owners; within an owner they keep their order.
+
+        Args:
+            owner: (k,) the thing of each item, -1 for one that belongs to none and is left out.
+            values: (k, ...) the items.
+            total: How many things there are.
+        """
+        order = np.argsort(owner, kind="stable")
+        order = order[np.searchsorted(owner[order], 0) :]
+        return cls(np.asarray(values)[order], np.bincount(owner[order], minlength=total))
+
+
+T = TypeVar("T", bound=ParallelArrays)
+
+
+def concat(parts: Sequence[T], kind: type[T]) -> T:
+    """Return the things of all parts, one part after the other; none of that kind where there is no part."""
+    if not parts:
+        return empty(kind)
+    return kind(
+        **{spec.name: np.concatenate([getattr(part, spec.name) for part in parts]) for spec in fields(kind)}
+    )
+
+
+def empty(kind: type[T]) -> T:
+    """Return none of the things of that kind."""
+    return kind(**{spec.name: np.zeros((0, *spec.metadata["shape"])) for spec in fields(kind)})
+
+
+class Drive(Protocol):
+    """One segment, read in place."""
+
+    @property
+    def name(self) -> str:
+        """Name of the segment; letters, digits, `.`, `_` and `-` only."""
+
+    @property
+    def frames(self) -> tuple[Frame, ...]:
+        """The frames that can be read, in ascending order of index and time."""
+
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        """The calibrated cameras; empty where there is none."""
+
+    @property
+    def skipped(self) -> Mapping[str, int]:
+        """How many frames or images were left out, by reason."""
+
+    @property
+    def ground_z_m(self) -> float:
+        """Height of the road below the car in ego axes, roughly: a start for the ground search."""
+
+    @property
+    def world_from_ego(self) -> Array | None:
+        """(T, 4, 4) pose of each of `frames`, or None where the dataset has none."""
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Every file that can be read: what makes a shard older than its drive."""
+
+    def points(self, frame: int) -> Points:
+        """Return the sweep of the frame of that index."""
+
+    def image(self, frame: int, camera: str) -> Image | None:
+        """Return the picture of that camera, or None where it is missing."""
+
+
+class Dataset(Protocol):
+    """A folder of drives, or a maker of them. Human labels are no part of it: see `datasets.labels`."""
+
+    @property
+    def version(self) -> int:
+        """Raised by hand when the adapter gives other points for equal files: part of every stamp."""
+
+    @property
+    def segments(self) -> tuple[str, ...]:
+        """Names of all segments, sorted."""
+
+    @property
+    def fingerprint_values(self) -> Mapping[str, Any]:
+        """Settings of its own that make a drive what it is: part of every stamp; empty where files say it all."""
+
+    def open(self, segment: str) -> Drive:
+        """Return the drive of that name; raises `BadInput` where it cannot be read."""
+
+
+@dataclass(frozen=True)
+class BackgroundRule:
+    """When a feature counts as background: the cosine scale belongs to the model (UP-VL, Section 3.2).
+
+    A point is background where max cos(f, background words) - max cos(f, `against`) >= `threshold`;
+    without words to compare with that is the paper's own rule, cos >= eps_bg.
+
+    Attributes:
+        against: Words that background is compared with, for models whose cosines have an offset.
+        threshold: eps_bg on the scale of this model.
+    """
+
+    against: tuple[str, ...]
+    threshold: float
+
+
+class Model(Protocol):
+    """A vision-language model; its image network is loaded when the first picture is embedded."""
+
+    @property
+    def name(self) -> str:
+        """Its name, for people."""
+
+    @property
+    def dim(self) -> int:
+        """Length d of its vectors."""
+
+    @property
+    def background(self) -> BackgroundRule:
+        """Its own calibrated background rule."""
+
+    def embed_text(self, words: Sequence[str]) -> Floats:
+        """Return (t, d) float32 vectors of length 1, one a word or phrase."""
+
+    def embed_image(self, rgb: Array) -> Floats:
+        """Return (h', w', d) float32 dense features of an (h, w, 3) uint8 picture, of any length.
+
+        The cells cover the picture evenly: pixel (u, v), whose centre is at (u + 0.5, v + 0.5) from the corner,
+        lies in the cell coordinates ((u + 0.5) w' / w - 0.5, (v + 0.5) h' / h - 0.5).
+        """

@@ -7,17 +7,17 @@ from pathlib import Path
 
 import numpy as np
 
+from upvl_cli.commands.pipeline import PIPELINE
+from upvl_cli.config.toml import load
+from upvl_cli.evaluation.config import EvalConfig
 from upvl_cli.evaluation.gather import Material
-from upvl_cli.evaluation.params import EvalParams
 from upvl_cli.metrics.inputs import Predictions, Truth
-from upvl_cli.settings import load
-from upvl_cli.stages import BY_NAME
-from upvl_cli.tables import write
-from upvl_cli.workspace import Workspace
+from upvl_cli.pipeline.tables import write
+from upvl_cli.pipeline.workspace import Workspace
 
 SIZE_M = (4.0, 2.0, 1.5)
 # As they ship; a test that depends on one of them names it.
-SETTINGS: EvalParams = load(EvalParams, Path(__file__).parents[2] / "stages" / "eval.toml")
+SETTINGS: EvalConfig = load(EvalConfig, Path(__file__).parents[2] / "stages" / "eval.toml")
 
 
 def sevens(places: Sequence[tuple[float, float]]) -> np.ndarray:
@@ -78,8 +78,8 @@ def write_auto_labels(
     folder: Path, segment: str, boxes: Mapping[int, Sequence[tuple[np.ndarray, float, int]]]
 ) -> None:
     """Write the shard that labelling would: by frame its boxes as (seven, score, track id), at 8 m/s."""
-    workspace = Workspace(folder / "stages", folder / "out")
-    stage = BY_NAME["nms"]
+    workspace = Workspace(PIPELINE, folder / "stages", folder / "out")
+    stage = PIPELINE.by_name["nms"]
     rows = []
     for frame, here in boxes.items():
         count = len(here)

@@ -16,9 +16,10 @@ from scored_world import write_auto_labels
 
 from command import fails, make_workspace, set_value, upvl
 from tiny_kitti import TinyDrive, numbers, write_drive, write_tracklets
+from upvl_cli.commands.pipeline import PIPELINE
 from upvl_cli.errors import UpvlError
 from upvl_cli.evaluation.run import evaluate, shown
-from upvl_cli.workspace import Workspace
+from upvl_cli.pipeline.workspace import Workspace
 
 # The car of the drive is 4 m long, 12 m ahead, and drives at 8 m/s.
 TABLE = """\
@@ -102,7 +103,7 @@ def printed(folder: Path, *arguments: str) -> str:
 
 def told(folder: Path, what: str = "labels", *, moving_only: bool = True, region: str | None = None) -> str:
     """What it prints of the scores, without a process of its own."""
-    workspace = Workspace(folder / "stages", folder / "out")
+    workspace = Workspace(PIPELINE, folder / "stages", folder / "out")
     console = Console(file=io.StringIO(), width=200)
     for item in shown(evaluate(workspace, what, moving_only, True, region, {})):
         console.print(item, markup=False, highlight=False)
@@ -201,7 +202,7 @@ def test_what_cannot_be_scored_is_told(workspace: Path, options: dict[str, Any],
     )
     with pytest.raises(UpvlError, match=re.escape(message)):
         evaluate(
-            Workspace(workspace / "stages", workspace / "out"),
+            Workspace(PIPELINE, workspace / "stages", workspace / "out"),
             options.get("what", "labels"), True, agnostic, region, overrides, segments,
         )  # fmt: skip
 

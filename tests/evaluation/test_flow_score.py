@@ -10,12 +10,12 @@ import pytest
 from scored_world import SETTINGS
 
 from command import make_workspace
-from upvl_cli.datasets.street import Streets
+from upvl_cli.commands.pipeline import PIPELINE
 from upvl_cli.evaluation.flow_score import FlowScore, flow_score
-from upvl_cli.runner import make_shard
-from upvl_cli.stages import BY_NAME
-from upvl_cli.tables import write
-from upvl_cli.workspace import Workspace
+from upvl_cli.pipeline.runner import make_shard
+from upvl_cli.pipeline.tables import write
+from upvl_cli.pipeline.workspace import Workspace
+from world.street import Streets
 
 SEGMENT = "street-0"
 
@@ -29,8 +29,8 @@ def true_mps() -> dict[int, np.ndarray]:
 
 def scored(folder: Path, flow_mps: Mapping[int, np.ndarray]) -> FlowScore:
     """The score of a flow, by frame."""
-    workspace = Workspace(folder / "stages", folder / "out")
-    odometry, flow = BY_NAME["odometry"], BY_NAME["flow"]
+    workspace = Workspace(PIPELINE, folder / "stages", folder / "out")
+    odometry, flow = PIPELINE.by_name["odometry"], PIPELINE.by_name["flow"]
     make_shard(workspace, odometry, SEGMENT, workspace.settings(odometry), lambda: None)
     rows = [flow.row(SEGMENT, frame, values) for frame, values in flow_mps.items()]
     stamp = workspace.shard_stamp(flow, SEGMENT)
@@ -68,4 +68,4 @@ def test_half_the_flow_is_half_wrong(tmp_path: Path, true_mps: dict[int, np.ndar
 
 def test_a_dataset_that_does_not_know_has_no_score(tmp_path: Path) -> None:
     folder = make_workspace(tmp_path, raw__dataset='"kitti"')
-    assert flow_score(Workspace(folder / "stages", folder / "out"), SETTINGS) is None
+    assert flow_score(Workspace(PIPELINE, folder / "stages", folder / "out"), SETTINGS) is None

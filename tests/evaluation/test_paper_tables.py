@@ -13,11 +13,12 @@ from scored_world import material
 
 from command import ROOT, fails, make_workspace, set_value, upvl
 from tiny_kitti import write_drive
+from upvl_cli.commands.pipeline import PIPELINE
 from upvl_cli.evaluation.paper import COLUMNS, TABLES, PaperRow
 from upvl_cli.evaluation.paper_tables import missing, presets
 from upvl_cli.evaluation.score import named_scores
-from upvl_cli.sweep import preset_workspace
-from upvl_cli.workspace import Workspace
+from upvl_cli.pipeline.presets import preset_workspace
+from upvl_cli.pipeline.workspace import Workspace
 
 ROWS = [(table, row) for table in TABLES for row in table.rows]
 
@@ -36,7 +37,7 @@ def test_a_row_has_a_figure_a_column(table, row) -> None:
 
 @pytest.mark.parametrize("name", sorted(path.name for path in (ROOT / "stages" / "presets").iterdir()))
 def test_every_preset_that_ships_can_be_loaded_and_has_a_row(workspace: Path, name: str) -> None:
-    preset_workspace(Workspace(workspace / "stages", workspace / "out"), name)
+    preset_workspace(Workspace(PIPELINE, workspace / "stages", workspace / "out"), name)
     assert name in {row.preset for _, row in ROWS} | {"small", "paper"}  # these are for `upvl train`
 
 
@@ -75,7 +76,7 @@ def test_names_are_scored_apart_and_riders_count_as_walkers() -> None:
 
 @pytest.mark.slow
 def test_the_command_fills_what_it_can_and_makes_nothing_twice(workspace: Path) -> None:
-    made = presets(Workspace(workspace / "stages", workspace / "out"), detectors=False)
+    made = presets(Workspace(PIPELINE, workspace / "stages", workspace / "out"), detectors=False)
     assert {"moving-only", "clustering"} <= set(made)
     assert not any(made.values())
     done = upvl(workspace, "tables")

@@ -20,7 +20,7 @@ from PIL import Image
 from tokenizers import Tokenizer, models, pre_tokenizers, processors
 
 from upvl_cli.errors import BadInput, BadSetting
-from upvl_cli.vlm.base import BackgroundRule
+from upvl_cli.types import BackgroundRule
 from upvl_cli.vlm.onnx import Onnx, files
 
 DIM, CONTEXT, PATCH = 5, 4, 8

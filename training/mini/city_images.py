@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from upvl_cli.datasets.city.drive import CityDrive
-from upvl_cli.datasets.city.kinds import KINDS
-from upvl_cli.datasets.city.piece import STUFF
-from upvl_cli.datasets.city.settings import CityParams
-from upvl_cli.settings import load
+from upvl_cli.config.toml import load
+from upvl_cli.synthetic.config import CityParams
+from upvl_cli.synthetic.drive import CityDrive
+from upvl_cli.synthetic.kinds import KINDS
+from upvl_cli.synthetic.piece import STUFF
 
 NAMES = (*dict.fromkeys([*STUFF, *KINDS]), "sky")
 COMMON = ("sedan", "hatchback", "suv", "adult")
@@ -69,5 +69,5 @@ def main() -> None:
             print(number, job.result(), flush=True)
 
 
-if __name__ == "__main__":
+if __classify__ == "__main__":
     main()

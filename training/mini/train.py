@@ -24,7 +24,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 from torch.utils.data import DataLoader
 
-from upvl_cli.datasets.city.kinds import KINDS
+from upvl_cli.synthetic.kinds import KINDS
 from upvl_cli.types import Array
 from upvl_cli.vlm.mini_network import CELL, STRIDE, MiniNetwork
 from upvl_cli.vlm.mini_text import MiniText, unit
@@ -280,5 +280,5 @@ def main() -> None:
     keep(1)
 
 
-if __name__ == "__main__":
+if __classify__ == "__main__":
     main()

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from upvl_cli.workspace import Workspace
+from upvl_cli.commands.pipeline import PIPELINE
+from upvl_cli.pipeline.workspace import Workspace
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -36,4 +37,4 @@ def workspace_options(
     out: Annotated[Path, typer.Option(envvar="UPVL_OUT", help="Folder of the results.")] = Path("out"),
 ) -> None:
     """Take the folders of the workspace; commands run in it and need no path."""
-    context.obj = Workspace(stages, out)
+    context.obj = Workspace(PIPELINE, stages, out)

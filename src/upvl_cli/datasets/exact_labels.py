@@ -46,13 +46,13 @@ def exact_labels(
     """
     seen = np.any([frame.met for frame in boxes], axis=0)
     points = np.concatenate([frame.points[seen] for frame in boxes])
-    return Labels(
+    return Labels.from_rows(
+        np.concatenate([frame.seven[seen] for frame in boxes]),
         frame=np.repeat([frame.index for frame in frames], seen.sum()),
-        seven=np.concatenate([frame.seven[seen] for frame in boxes]),
         object_id=np.tile(things[seen], len(boxes)),
-        kind=np.tile(np.array(kinds)[seen], len(boxes)),
+        class_name=np.tile(np.array(kinds)[seen], len(boxes)),
         type=np.tile(np.array(types)[seen], len(boxes)),
         velocity_mps=np.concatenate([frame.velocity_mps[seen] for frame in boxes]),
-        points=points,
+        num_points=points,
         difficulty=np.where(points > HARD_POINTS, 1, 2),
     )

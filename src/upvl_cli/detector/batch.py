@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from upvl_cli.errors import BadInput
+from upvl_cli.errors import BadInput, BadSetting
 from upvl_cli.types import Array, Bools, Ints
 
 FEATURE = 64  # values kept of a feature of the vision-language space (UP-VL, Section 4)
@@ -152,3 +152,15 @@ def _alone(sample: Sample, grid: Grid) -> Batch:
         torch.from_numpy(row[sample.seen[stays]].astype(np.int64, copy=False)),
         torch.from_numpy(sample.feature[stays].astype(np.float32, copy=False)),
     )
+
+
+def grid_of(grid_m: Array | tuple[float, ...], pillar_m: float) -> Grid:
+    """Return what the detector sees, from the numbers of the settings.
+
+    Raises:
+        BadSetting: There are not six of them.
+    """
+    if len(grid_m) != 6:
+        raise BadSetting(f"train: grid_m has {len(grid_m)} numbers, expected 6: x from and to, y, height")
+    x0, x1, y0, y1, z0, z1 = (float(end) for end in grid_m)
+    return Grid((x0, x1), (y0, y1), (z0, z1), pillar_m)

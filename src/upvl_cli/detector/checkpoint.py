@@ -14,7 +14,7 @@ from torch import Tensor
 
 from upvl_cli.detector.batch import Grid
 from upvl_cli.detector.model import Detector
-from upvl_cli.tables import whole
+from upvl_cli.runtime.atomic import atomic_file
 from upvl_cli.types import Array
 
 LOSSES = ("total", "objectness", "box", "heading", "distil")
@@ -60,7 +60,7 @@ def keep(path: Path, state: State, stamp: str) -> None:
     tensors["checks"] = torch.tensor(state.checks, dtype=torch.float64).reshape(-1, 2)
     tensors["found"] = torch.from_numpy(np.concatenate([np.zeros((0, 8)), *rows]))
     told = json.dumps({"step": state.step, "lowest": state.lowest, "stamp": stamp})
-    with whole(path) as file:
+    with atomic_file(path) as file:
         file.write(save({name: tensor.contiguous() for name, tensor in tensors.items()}, {"upvl": told}))
 
 

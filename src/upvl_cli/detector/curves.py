@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from upvl_cli.detector.checkpoint import LOSSES
-from upvl_cli.tables import whole
+from upvl_cli.runtime.atomic import atomic_file
 from upvl_cli.types import Floats, Ints
 
 
@@ -34,7 +34,7 @@ def draw(path: Path, losses: dict[str, Floats], rate: Floats, check_step: Ints, 
     above.legend(frameon=False)
     below.plot(step, rate)
     below.set(xlabel="step", ylabel="rate", ylim=(0, None))
-    with whole(path) as file:
+    with atomic_file(path) as file:
         # Without the name of the library's version: the same losses give the same bytes.
         figure.savefig(file, format="png", metadata={"Software": None})
 

@@ -23,7 +23,7 @@ from upvl_cli.detector.loss import Losses, Space, losses
 from upvl_cli.detector.model import Detector
 from upvl_cli.detector.together import Team, half_precision
 from upvl_cli.geometry.iou import iou_bev
-from upvl_cli.parallel import in_order
+from upvl_cli.runtime.parallel import in_order
 from upvl_cli.types import Array
 
 Exercise = tuple[Batch, targets.Targets]  # one frame and what has to be said of it

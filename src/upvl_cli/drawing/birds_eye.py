@@ -10,7 +10,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from upvl_cli.drawing import colours
 from upvl_cli.geometry.boxes import corners_bev
-from upvl_cli.types import Array, Boxes, Ints
+from upvl_cli.types import Array, Ints, TrackedBoxes
 
 PIXELS_PER_METRE = 14
 GRID_M = 10
@@ -39,7 +39,7 @@ class View:
 
 
 def birds_eye(
-    view: View, xyz_ego_m: Array, state: Ints, boxes: Boxes, tails: Mapping[int, Array], title: str
+    view: View, xyz_ego_m: Array, state: Ints, boxes: TrackedBoxes, tails: Mapping[int, Array], title: str
 ) -> Image.Image:
     """Draw one frame.
 
@@ -86,7 +86,7 @@ def _line(draw: ImageDraw.ImageDraw, pixels: Array, colour: colours.Colour, widt
         draw.line([(float(column), float(row)) for column, row in pixels], fill=colour, width=width)
 
 
-def _box(draw: ImageDraw.ImageDraw, view: View, box: Boxes) -> None:
+def _box(draw: ImageDraw.ImageDraw, view: View, box: TrackedBoxes) -> None:
     colour = colours.of_track(int(box.track_id[0]))
     outline = view.pixels(corners_bev(box.seven)[0])
     _line(draw, np.concatenate([outline, outline[:1]]), colour, width=2)

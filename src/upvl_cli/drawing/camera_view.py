@@ -1,4 +1,4 @@
-"""Boxes on a camera's picture."""
+"""TrackedBoxes on a camera's picture."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from PIL import Image, ImageDraw, ImageFont
 from upvl_cli.drawing import colours
 from upvl_cli.geometry.boxes import corners
 from upvl_cli.geometry.camera import project
-from upvl_cli.types import Array, Boxes, Camera
+from upvl_cli.types import Array, Camera, TrackedBoxes
 
 # Corners 0-3 are the bottom and 4-7 the top, both counter-clockwise from the front left.
 EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
@@ -19,7 +19,7 @@ FAR_PX = 10_000  # what appears so far aside is left out: lines are drawn pixel 
 MIN_WIDTH_PX = 1200  # smaller pictures are enlarged, so that lines and ids can be read
 
 
-def camera_view(rgb: Array, camera: Camera, boxes: Boxes) -> Image.Image:
+def camera_view(rgb: Array, camera: Camera, boxes: TrackedBoxes) -> Image.Image:
     """Draw the boxes of one frame.
 
     Args:

@@ -13,7 +13,7 @@ from upvl_cli.drawing.birds_eye import View, birds_eye
 from upvl_cli.drawing.camera_view import MIN_DEPTH_M, camera_view
 from upvl_cli.geometry.boxes import corners, pairs_inside
 from upvl_cli.geometry.camera import project
-from upvl_cli.types import Array, Boxes, Camera
+from upvl_cli.types import Array, Camera, TrackedBoxes
 
 REACH_M = 11.0  # of the view from above, to each side of the box
 PICTURE_PX = 420  # width of the crop of the camera
@@ -32,7 +32,7 @@ class Shot:
     part_px: tuple[float, float, float, float]
 
 
-def part_with_box(camera: Camera, box: Boxes) -> tuple[float, float, float, float] | None:
+def part_with_box(camera: Camera, box: TrackedBoxes) -> tuple[float, float, float, float] | None:
     """The part of a camera's picture that shows a box with some surroundings; None where it does not see it whole.
 
     Args:
@@ -53,7 +53,7 @@ def part_with_box(camera: Camera, box: Boxes) -> tuple[float, float, float, floa
     return float(left), float(top), float(right), float(bottom)
 
 
-def tile(xyz_ego_m: Array, box: Boxes, shot: Shot | None, title: str) -> Image.Image:
+def tile(xyz_ego_m: Array, box: TrackedBoxes, shot: Shot | None, title: str) -> Image.Image:
     """Draw one hit.
 
     Args:
@@ -77,7 +77,7 @@ def tile(xyz_ego_m: Array, box: Boxes, shot: Shot | None, title: str) -> Image.I
     return image
 
 
-def _crop(shot: Shot, box: Boxes, height_px: int) -> Image.Image:
+def _crop(shot: Shot, box: TrackedBoxes, height_px: int) -> Image.Image:
     picture = camera_view(shot.rgb, shot.camera, box)
     scale = picture.width / shot.rgb.shape[1]
     left, top, right, bottom = (round(edge * scale) for edge in shot.part_px)

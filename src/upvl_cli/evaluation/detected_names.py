@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from upvl_cli.algorithms.naming import Votes
-from upvl_cli.algorithms.objects import of_objects
-from upvl_cli.stages import BY_NAME
-from upvl_cli.tables import Table
+from upvl_cli.perception.labels.classify import Votes
+from upvl_cli.perception.labels.point_features import of_objects
+from upvl_cli.pipeline.tables import Table
+from upvl_cli.pipeline.workspace import Workspace
+from upvl_cli.stages import classify
+from upvl_cli.stages.rows import ExtractVlRow, MaskRow, ObjectRow, PcaRow, TrainRow
 from upvl_cli.types import Ints
-from upvl_cli.workspace import WHOLE, Workspace
 
 
-def types_of(workspace: Workspace, segment: str, rows: Table) -> dict[int, Ints]:
+def types_of(workspace: Workspace, segment: str, rows: Table[ObjectRow]) -> dict[int, Ints]:
     """(b,) the type of each box of each frame: points vote, all those of a track together.
 
     Args:
@@ -24,13 +25,19 @@ def types_of(workspace: Workspace, segment: str, rows: Table) -> dict[int, Ints]
         segment: The drive.
         rows: Its rows of `detect`.
     """
-    (fitted,) = Table(workspace.shard("pca", WHOLE), BY_NAME["pca"].row)
-    kinds, words = workspace.settings(BY_NAME["name"]).words
+    (fitted,) = workspace.table("pca", PcaRow)
+    kinds, words = workspace.settings(classify.STAGE).words
     directions = workspace.model.embed_text(words)
     votes = Votes(np.array(kinds), lambda feature: fitted.basis.cosines(feature, directions))
-    (trained,) = Table(workspace.shard("train", WHOLE), BY_NAME["train"].row)
-    of_pictures = [] if trained.distils else ["extract-vl", "mask"]
-    tables = [Table(workspace.shard(stage, segment), BY_NAME[stage].row) for stage in of_pictures]
+    (trained,) = workspace.table("train", TrainRow)
+    pictures = (
+        None
+        if trained.distils
+        else (
+            workspace.table("extract-vl", ExtractVlRow, segment),
+            workspace.table("mask", MaskRow, segment),
+        )
+    )
     number: dict[int, Ints] = {}
     alone = 0
     for row in rows:
@@ -39,11 +46,11 @@ def types_of(workspace: Workspace, segment: str, rows: Table) -> dict[int, Ints]
         own = -2 - alone - np.arange(len(row.track_id))
         alone += len(row.track_id)
         number[row.frame] = np.where(of_none, own, row.track_id)
-        if trained.distils:
-            votes.add_features(number[row.frame], row.of_box, row.feature)
+        if pictures is None:
+            votes.add_features(number[row.frame], row.point_feature.owner, row.point_feature.values)
         else:
-            of, mask = (table[row.frame] for table in tables)
+            of, mask = pictures[0][row.frame], pictures[1][row.frame]
             point, feature = of_objects(of.state, of.feature, mask.background)
             xyz = workspace.drive(segment).points(row.frame).xyz_ego_m[point]
-            votes.add(row.seven, number[row.frame], xyz, feature)
+            votes.add(row.boxes, number[row.frame], xyz, feature)
     return {frame: votes.of(of_frame)[0] for frame, of_frame in number.items()}

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from upvl_cli.datasets.flow_truth import FLOW_CLASSES
-from upvl_cli.datasets.label_sources import TRUE_FLOW, FlowSource
+from upvl_cli.datasets.label_registry import FlowSource, flow_source
+from upvl_cli.evaluation.config import EvalConfig
 from upvl_cli.evaluation.gather import checked_table
-from upvl_cli.evaluation.params import EvalParams
 from upvl_cli.geometry.se3 import apply, inverse
 from upvl_cli.metrics.flow import FlowErrors, bucket_score, flow_buckets, flow_errors
+from upvl_cli.pipeline.workspace import Workspace
+from upvl_cli.stages.rows import FlowRow, OdometryRow
 from upvl_cli.types import Array, ParallelArrays, array
-from upvl_cli.workspace import Workspace
 
 _DYNAMIC_M = 0.05  # an interval: where Argoverse 2 calls a point dynamic
 
@@ -60,7 +62,7 @@ class _Flow(ParallelArrays):
 
 
 def flow_score(
-    workspace: Workspace, settings: EvalParams, segments: Collection[str] = ()
+    workspace: Workspace, settings: EvalConfig, segments: Collection[str] = ()
 ) -> FlowScore | None:
     """Errors of the flow of all drives; None for a dataset that does not know the truth.
 
@@ -72,9 +74,9 @@ def flow_score(
     Raises:
         NotMade: A drive has no flow, or it was made with other settings.
     """
-    if workspace.raw.dataset not in TRUE_FLOW:
+    source = flow_source(workspace.raw.dataset, Path(workspace.raw.root), workspace.dataset)
+    if source is None:
         return None
-    source = TRUE_FLOW[workspace.raw.dataset](workspace.dataset)
     pairs = [
         pair for name in segments or workspace.segments for pair in _pairs(workspace, source, name, settings)
     ]
@@ -109,11 +111,11 @@ def flow_score(
 
 
 def _pairs(
-    workspace: Workspace, source: FlowSource, segment: str, settings: EvalParams
+    workspace: Workspace, source: FlowSource, segment: str, settings: EvalConfig
 ) -> Iterator[tuple[_Flow, float]]:
     """The points that count of each sweep with a next one, and the seconds until that."""
-    table = checked_table(workspace, "flow", segment)
-    poses = list(checked_table(workspace, "odometry", segment))
+    table = checked_table(workspace, "flow", FlowRow, segment)
+    poses = list(checked_table(workspace, "odometry", OdometryRow, segment))
     drive = workspace.drive(segment)
     for pose, following in zip(poses, poses[1:], strict=False):
         interval_s = (following.time_ns - pose.time_ns) / 1e9

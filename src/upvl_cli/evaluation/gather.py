@@ -10,25 +10,27 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from upvl_cli.datasets.base import LabelSource
-from upvl_cli.datasets.label_sources import LABELS
+from upvl_cli.datasets.label_registry import label_source
+from upvl_cli.datasets.labels import LabelSource
 from upvl_cli.errors import BadInput, NotMade
 from upvl_cli.evaluation.detected_names import types_of
 from upvl_cli.evaluation.region import Region
 from upvl_cli.geometry.camera import project
 from upvl_cli.metrics.inputs import Predictions, Truth, relabelled, resolved_level
-from upvl_cli.runner import state
-from upvl_cli.stages import BY_NAME
-from upvl_cli.tables import Table
+from upvl_cli.pipeline.runner import state
+from upvl_cli.pipeline.stage import Row
+from upvl_cli.pipeline.tables import Table
+from upvl_cli.pipeline.workspace import Workspace
+from upvl_cli.stages.rows import ClassifyRow, ObjectRow, ScoredBoxRow
 from upvl_cli.types import Array, Bools, Camera, Floats, Ints, Labels, ParallelArrays
-from upvl_cli.workspace import Workspace
 
 # Whatever road user was labelled is an object, also of an unknown kind; a sign is none.
 ANY_CLASS = {0: 1, 2: 1, 4: 1}
 
-NAMES = "name"  # the stage that gives labels their types
+NAMES = "classify"  # the stage that gives labels their types
 DETECTIONS = "detect"  # what it makes gets them by its own features
 
+R = TypeVar("R", bound=Row)
 Rows = TypeVar("Rows", bound=ParallelArrays)
 
 
@@ -136,7 +138,7 @@ def labelled(
     Raises:
         BadInput: No drive has labels.
     """
-    source = LABELS[workspace.raw.dataset](Path(workspace.raw.root), workspace.dataset)
+    source = label_source(workspace.raw.dataset, Path(workspace.raw.root), workspace.dataset)
     frames: dict[str, Ints] = {}
     left_out: dict[str, str] = {}
     for segment in segments or workspace.segments:
@@ -150,18 +152,18 @@ def labelled(
     return source, frames, left_out
 
 
-def checked_table(workspace: Workspace, stage: str, segment: str) -> Table:
+def checked_table(workspace: Workspace, stage: str, row: type[R], segment: str) -> Table[R]:
     """A shard that was made with the settings of today.
 
     Raises:
         NotMade: It is missing or stale.
     """
-    condition, reason = state(workspace, BY_NAME[stage], segment)
+    condition, reason = state(workspace, workspace.pipeline.by_name[stage], segment)
     path = workspace.shard(stage, segment)
     if condition != "fresh":
         way = f"make {stage}" if stage == DETECTIONS else "upvl autolabel --all-motion, or --moving-only"
         raise NotMade(f"eval needs {path}, which is {condition} ({reason}); run: {way}")
-    return Table(path, BY_NAME[stage].row)
+    return Table(path, row)
 
 
 def _of_drive(
@@ -173,7 +175,7 @@ def _of_drive(
     region: Region | None,
     named: bool,
 ) -> _Drive:
-    rows = checked_table(workspace, stage, segment)
+    rows = checked_table(workspace, stage, ScoredBoxRow, segment)
     chosen = [rows[frame] for frame in rows.frames if frame in frames]
     types = _types_of(workspace, stage, segment, rows, chosen, named)
     predictions = _predictions(segment, chosen, types)
@@ -189,7 +191,7 @@ def _of_drive(
         kept.append(covered & inside)
     truth, predictions = truth[kept[0]], predictions[kept[1]]
     view = _in_view(workspace.drive(segment).cameras, truth.seven[:, :3])
-    return _Drive(truth, labels.points[kept[0]], view, predictions, len(frames), dropped)
+    return _Drive(truth, labels.num_points[kept[0]], view, predictions, len(frames), dropped)
 
 
 def _truth(segment: str, labels: Labels) -> Truth:
@@ -205,15 +207,20 @@ def _truth(segment: str, labels: Labels) -> Truth:
 
 
 def _types_of(
-    workspace: Workspace, stage: str, segment: str, rows: Table, chosen: Sequence[Any], named: bool
+    workspace: Workspace,
+    stage: str,
+    segment: str,
+    rows: Table[ScoredBoxRow],
+    chosen: Sequence[Any],
+    named: bool,
 ) -> list[Ints]:
     """(b,) the type of each box of each chosen row; 0 where none is asked for."""
     if not named:
         return [np.zeros(len(row.seven), np.int8) for row in chosen]
     if stage == DETECTIONS:
-        of_frame = types_of(workspace, segment, rows)
+        of_frame = types_of(workspace, segment, workspace.table(DETECTIONS, ObjectRow, segment))
         return [of_frame[row.frame] for row in chosen]
-    names = checked_table(workspace, NAMES, segment)
+    names = checked_table(workspace, NAMES, ClassifyRow, segment)
     return [_types(row, names[row.frame]) for row in chosen]
 
 

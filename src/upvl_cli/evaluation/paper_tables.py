@@ -12,17 +12,18 @@ from typing import Protocol
 
 from rich.table import Table
 
+from upvl_cli.config.toml import load
 from upvl_cli.errors import BadSetting
+from upvl_cli.evaluation.config import EvalConfig
 from upvl_cli.evaluation.gather import Material, gather, labelled
 from upvl_cli.evaluation.paper import COLUMNS, TABLES, PaperRow, PaperTable, Score
-from upvl_cli.evaluation.params import EvalParams
 from upvl_cli.evaluation.run import STAGE_OF
 from upvl_cli.evaluation.score import detection_scores, named_scores, track_scores
-from upvl_cli.runner import Made
-from upvl_cli.settings import load
-from upvl_cli.stages import BY_NAME, DETECTING, LABELLING
-from upvl_cli.sweep import learn, make, preset_workspace
-from upvl_cli.workspace import Workspace, write_if_changed
+from upvl_cli.pipeline.presets import learn, make, preset_workspace
+from upvl_cli.pipeline.runner import Made
+from upvl_cli.pipeline.workspace import Workspace
+from upvl_cli.runtime.atomic import write_if_changed
+from upvl_cli.stages import LABELLING, STAGES, train
 
 _IOUS = (0.4, 0.5)  # those of the paper
 _NOTE = "published: Waymo Open Dataset; ours: the drives of this workspace. Not the same data."
@@ -54,9 +55,10 @@ def missing(row: PaperRow, folder: Path, *, detectors: bool) -> str:
         folder: The presets.
         detectors: Whether detectors are trained on the way.
     """
-    made_here = [stage.name for stage in (*LABELLING, *(DETECTING if detectors else ()))]
+    names = [stage.name for stage in STAGES]
+    made_here = names if detectors else LABELLING
     stage = next((name for name in row.needs if name not in made_here), None)
-    if stage in BY_NAME:
+    if stage in names:
         return "with --detectors"
     if stage:
         return f"no {stage} yet"
@@ -91,7 +93,7 @@ def scored_drives(workspace: Workspace, *, detectors: bool) -> list[str]:
         BadSetting: The detectors would learn from all of those.
     """
     named = list(labelled(workspace)[1])
-    learned = workspace.drives_of(BY_NAME["train"]) if detectors else ()
+    learned = workspace.drives_of(train.STAGE) if detectors else ()
     left = [name for name in named if name not in learned]
     if not left:
         raise BadSetting(
@@ -131,7 +133,7 @@ def fill(
         BadInput: No drive has labels.
         BadSetting: A preset or a value is wrong, or detectors leave no drive to score.
     """
-    settings = replace(load(EvalParams, workspace.stages / "eval.toml"), iou=_IOUS)
+    settings = replace(load(EvalConfig, workspace.stages / "eval.toml"), iou=_IOUS)
     drives = scored_drives(workspace, detectors=detectors)  # else there is no need to make anything
     made: dict[str, Workspace] = {}
     for name, learns in presets(workspace, detectors=detectors).items():
@@ -157,7 +159,7 @@ def fill(
 
 
 def _filled(
-    table: PaperTable, row: PaperRow, material: Material | None, reason: str, settings: EvalParams
+    table: PaperTable, row: PaperRow, material: Material | None, reason: str, settings: EvalConfig
 ) -> Filled:
     nothing = (math.nan,) * len(COLUMNS[table.score])
     if material is None:
@@ -166,7 +168,7 @@ def _filled(
     return Filled(row, tuple(100 * value for value in ours), "")
 
 
-def _scored(material: Material, table: PaperTable, row: PaperRow, settings: EvalParams) -> tuple[float, ...]:
+def _scored(material: Material, table: PaperTable, row: PaperRow, settings: EvalConfig) -> tuple[float, ...]:
     objects = material.without_classes()
     moving_only = table.moving_only
     if table.score == "tracking":

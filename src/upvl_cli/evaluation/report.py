@@ -10,8 +10,8 @@ from typing import Any
 
 from rich.table import Table
 
+from upvl_cli.evaluation.config import EvalConfig
 from upvl_cli.evaluation.flow_score import FlowScore
-from upvl_cli.evaluation.params import EvalParams
 from upvl_cli.evaluation.region import Region
 from upvl_cli.evaluation.score import DetectionScore, Diagnosis, TrackScore
 
@@ -37,7 +37,7 @@ class Scope:
     what: str
     mode: str
     region: Region | None
-    settings: EvalParams
+    settings: EvalConfig
     segments: tuple[str, ...]
     frames: int
     labels: int

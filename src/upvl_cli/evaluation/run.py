@@ -12,16 +12,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from upvl_cli.config.toml import load
 from upvl_cli.errors import BadSetting, UpvlError, one_line
+from upvl_cli.evaluation.config import EvalConfig
 from upvl_cli.evaluation.flow_score import flow_score
 from upvl_cli.evaluation.gather import Material, gather
-from upvl_cli.evaluation.params import EvalParams
 from upvl_cli.evaluation.region import Region
 from upvl_cli.evaluation.report import NamedScore, Report, Scope, as_json, shown
 from upvl_cli.evaluation.score import detection_scores, diagnosis, named_scores, track_scores
-from upvl_cli.settings import load
-from upvl_cli.tables import whole
-from upvl_cli.workspace import Workspace, write_if_changed
+from upvl_cli.pipeline.workspace import Workspace
+from upvl_cli.runtime.atomic import atomic_file, write_if_changed
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -62,7 +62,7 @@ def evaluate(
         )
     for segment in segments:
         workspace.check_name(segment, workspace.segments)
-    settings = load(EvalParams, workspace.stages / "eval.toml", overrides)
+    settings = load(EvalConfig, workspace.stages / "eval.toml", overrides)
     area = Region.parse(region) if region else None
     by_class = gather(workspace, STAGE_OF[what], region=area, named=not class_agnostic, segments=segments)
     material = by_class.without_classes()
@@ -79,7 +79,7 @@ def evaluate(
     )
 
 
-def _named(material: Material, settings: EvalParams, moving_only: bool) -> list[NamedScore]:
+def _named(material: Material, settings: EvalConfig, moving_only: bool) -> list[NamedScore]:
     """Average precision by name at each IoU."""
     moving_mps = settings.moving_mps if moving_only else None
     return [NamedScore(iou, *named_scores(material, iou=iou, moving_mps=moving_mps)) for iou in settings.iou]
@@ -98,7 +98,7 @@ def write(workspace: Workspace, report: Report) -> Iterator[Path]:
     with _drawing() as plots:
         for name, figure in plots.plots(report):
             path = folder / f"{report.name}-{name}.png"
-            with whole(path) as file:
+            with atomic_file(path) as file:
                 # Without the name of the library's version: the same report gives the same bytes.
                 figure.savefig(file, format="png", metadata={"Software": None})
             yield path
@@ -131,7 +131,7 @@ def _scope(
     what: str,
     mode: str,
     material: Material,
-    settings: EvalParams,
+    settings: EvalConfig,
     region: Region | None,
 ) -> Scope:
     unknown = np.isnan(material.labels.velocity_mps).any(axis=1)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from upvl_cli.evaluation.config import EvalConfig
 from upvl_cli.evaluation.gather import Material
-from upvl_cli.evaluation.params import EvalParams
 from upvl_cli.metrics.breakdown import OBJECT_TYPE, Breakdown, moving
 from upvl_cli.metrics.detection import DetectionResult, detection, match_boxes
 from upvl_cli.metrics.errors import Misses, Outcome, TopOutcomes, misses, outcomes, top_outcomes
@@ -81,7 +81,7 @@ class Diagnosis:
     misses: list[Misses]
 
 
-def detection_scores(material: Material, settings: EvalParams, *, moving_only: bool) -> list[DetectionScore]:
+def detection_scores(material: Material, settings: EvalConfig, *, moving_only: bool) -> list[DetectionScore]:
     """Average precision at each IoU, of all objects and by range.
 
     Boxes and labels are put to a range each by its own centre, as in Waymo's breakdown by range.
@@ -127,7 +127,7 @@ def named_scores(material: Material, *, iou: float, moving_mps: float | None) ->
     return vehicles, vru, (vehicles + vru) / 2
 
 
-def track_scores(material: Material, settings: EvalParams, *, moving_only: bool) -> list[TrackScore]:
+def track_scores(material: Material, settings: EvalConfig, *, moving_only: bool) -> list[TrackScore]:
     """CLEAR-MOT at each IoU and level; moving tracks are chosen by their own speed, as Waymo does.
 
     Args:
@@ -149,7 +149,7 @@ def track_scores(material: Material, settings: EvalParams, *, moving_only: bool)
     return scores
 
 
-def diagnosis(material: Material, settings: EvalParams, *, moving_only: bool) -> Diagnosis:
+def diagnosis(material: Material, settings: EvalConfig, *, moving_only: bool) -> Diagnosis:
     """Why boxes are wrong and which labels are missed.
 
     With `moving_only` a box that is matched with a standing label, or overlaps standing ones only, is neither
@@ -205,7 +205,7 @@ def _missed_by_speed(truth: Truth, found: Bools, edges_mps: Sequence[float]) -> 
     return [Misses("speed", *row) for row in zip(names, labels, missed, strict=True)]
 
 
-def _breakdown(settings: EvalParams, moving_only: bool) -> Breakdown:
+def _breakdown(settings: EvalConfig, moving_only: bool) -> Breakdown:
     return moving(min_speed_mps=settings.moving_mps) if moving_only else OBJECT_TYPE
 
 

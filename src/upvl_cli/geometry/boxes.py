@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TypeVar
 
 import numpy as np
 
 from upvl_cli.errors import BadInput
 from upvl_cli.geometry.se3 import apply, wrap_angle, yaw_of
-from upvl_cli.types import Array, Bools, Ints
+from upvl_cli.types import Array, Bools, Boxes, Ints
 
+B = TypeVar("B", Boxes, Array)
 _FEW = 4  # boxes for which sorting all points does not pay
 # Front left, rear left, rear right, front right: counter-clockwise, in half lengths and half widths.
 _CORNER_SIGNS = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
 
 
-def checked(boxes: Array) -> Array:
+def as_rows(boxes: Boxes | Array) -> Array:
+    """TEMPORARY: (n, 7) rows of boxes, until every room uses the named parts."""
+    return boxes.to_rows() if isinstance(boxes, Boxes) else boxes
+
+
+def checked(boxes: Boxes | Array) -> Array:
     """Return the boxes as (n, 7) float64.
 
     Args:
@@ -24,7 +31,7 @@ def checked(boxes: Array) -> Array:
     Raises:
         BadInput: The shape is another one, or a number is NaN or infinite.
     """
-    boxes = np.asarray(boxes, dtype=np.float64)
+    boxes = np.asarray(as_rows(boxes), dtype=np.float64)
     if boxes.size == 0:
         return np.zeros((0, 7))
     if boxes.ndim != 2 or boxes.shape[1] != 7:
@@ -35,7 +42,7 @@ def checked(boxes: Array) -> Array:
     return boxes
 
 
-def corners_bev(boxes: Array) -> Array:
+def corners_bev(boxes: Boxes | Array) -> Array:
     """Return (n, 4, 2) corners seen from above: front left, rear left, rear right, front right.
 
     Args:
@@ -48,7 +55,7 @@ def corners_bev(boxes: Array) -> Array:
     return np.asarray(boxes[:, None, :2] + turned)
 
 
-def corners(boxes: Array) -> Array:
+def corners(boxes: Boxes | Array) -> Array:
     """Return (n, 8, 3) corners: the four of `corners_bev` on the floor, then the same on the roof.
 
     Args:
@@ -60,7 +67,7 @@ def corners(boxes: Array) -> Array:
     return np.concatenate([np.tile(corners_bev(boxes), (1, 2, 1)), height[..., None]], axis=-1)
 
 
-def pairs_inside(xyz: Array, boxes: Array, *, margin_m: float) -> tuple[Ints, Ints]:
+def pairs_inside(xyz: Array, boxes: Boxes | Array, *, margin_m: float) -> tuple[Ints, Ints]:
     """Return which points lie in which boxes, as (box, point) numbers in ascending order.
 
     Memory grows with the hits only: each box looks at its own strip of x, for which points are sorted once where
@@ -100,7 +107,7 @@ def _strips(x: Array, middle: Array, reach: Array) -> Iterator[Ints]:
         yield order[start:end]
 
 
-def points_inside(xyz: Array, boxes: Array, *, margin_m: float) -> Bools:
+def points_inside(xyz: Array, boxes: Boxes | Array, *, margin_m: float) -> Bools:
     """Return (n, m), whether box n holds point m; see `pairs_inside` for many boxes.
 
     Args:
@@ -114,7 +121,7 @@ def points_inside(xyz: Array, boxes: Array, *, margin_m: float) -> Bools:
     return inside
 
 
-def transform(boxes: Array, dst_from_src: Array) -> Array:
+def transform(boxes: B, dst_from_src: Array) -> B:
     """Return the boxes in the axes of dst; headings turn by the yaw, so upright stays upright.
 
     Args:
@@ -124,4 +131,6 @@ def transform(boxes: Array, dst_from_src: Array) -> Array:
     moved = checked(boxes).copy()
     moved[:, :3] = apply(dst_from_src, moved[:, :3])
     moved[:, 6] = wrap_angle(moved[:, 6] + yaw_of(dst_from_src))
+    if isinstance(boxes, Boxes):
+        return Boxes.from_rows(moved)
     return moved

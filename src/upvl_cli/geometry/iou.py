@@ -14,7 +14,7 @@ import numpy as np
 
 from upvl_cli.errors import BadInput
 from upvl_cli.geometry.boxes import checked
-from upvl_cli.types import Array, Ints
+from upvl_cli.types import Array, Boxes, Ints
 
 _PAIRS_A_BLOCK = 4096  # (4, 4096) float64 is 128 KiB: the kernel's temporaries stay in the L2 cache
 _REJECTS_A_BLOCK = 32768  # the same for the rejection, which holds a few (rows, columns) temporaries
@@ -25,7 +25,7 @@ _AREA_TOO_SMALL_M2 = 5e-11
 _STEEPEST = 1e-30  # a cosine below this makes an edge vertical; its integral is 0 whatever its slope
 
 
-def iou_bev_pairs(a: Array, b: Array) -> Array:
+def iou_bev_pairs(a: Boxes | Array, b: Boxes | Array) -> Array:
     """Return (n,) bird's-eye IoU of each row of `a` with the same row of `b`.
 
     Args:
@@ -38,7 +38,7 @@ def iou_bev_pairs(a: Array, b: Array) -> Array:
     return _of_pairs(checked(a), checked(b), 2)
 
 
-def iou_3d_pairs(a: Array, b: Array) -> Array:
+def iou_3d_pairs(a: Boxes | Array, b: Boxes | Array) -> Array:
     """Return (n,) 3D IoU of each row of `a` with the same row of `b`.
 
     Args:
@@ -51,7 +51,7 @@ def iou_3d_pairs(a: Array, b: Array) -> Array:
     return _of_pairs(checked(a), checked(b), 3)
 
 
-def iou_bev(a: Array, b: Array) -> Array:
+def iou_bev(a: Boxes | Array, b: Boxes | Array) -> Array:
     """Return (n, m) bird's-eye IoU of every pair.
 
     Args:
@@ -64,7 +64,7 @@ def iou_bev(a: Array, b: Array) -> Array:
     return _of_all(checked(a), checked(b), 2)
 
 
-def iou_3d(a: Array, b: Array) -> Array:
+def iou_3d(a: Boxes | Array, b: Boxes | Array) -> Array:
     """Return (n, m) 3D IoU of every pair.
 
     Args:

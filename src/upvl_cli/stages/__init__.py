@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-from upvl_cli.stage import Stage
+from upvl_cli.pipeline.pipeline import AnyStage
 from upvl_cli.stages import (
     amodal,
-    describe,
+    classify,
     detect,
     extract_vl,
     flow,
     ground,
+    labels,
     mask,
-    name,
     nms,
     odometry,
     pca,
+    pool_features,
     propose,
     track,
     train,
 )
 
-# Those that make labels.
-LABELLING: tuple[Stage, ...] = (
+STAGES: tuple[AnyStage, ...] = (
     odometry.STAGE,
     ground.STAGE,
     flow.STAGE,
@@ -32,13 +32,26 @@ LABELLING: tuple[Stage, ...] = (
     track.STAGE,
     amodal.STAGE,
     nms.STAGE,
-    name.STAGE,
-    describe.STAGE,
+    classify.STAGE,
+    labels.STAGE,
+    pool_features.STAGE,
+    train.STAGE,
+    detect.STAGE,
 )
 
-# Those that learn from labels, and find without a picture.
-DETECTING: tuple[Stage, ...] = (train.STAGE, detect.STAGE)
-
-STAGES: tuple[Stage, ...] = (*LABELLING, *DETECTING)
-
-BY_NAME: dict[str, Stage] = {stage.name: stage for stage in STAGES}
+# What makes labels; the other stages learn from labels, and find without a picture.
+LABELLING: tuple[str, ...] = (
+    "odometry",
+    "ground",
+    "flow",
+    "pca",
+    "extract-vl",
+    "mask",
+    "propose",
+    "track",
+    "amodal",
+    "nms",
+    "classify",
+    "labels",
+    "pool-features",
+)

@@ -6,39 +6,40 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from upvl_cli.rows import ObjectRow
-from upvl_cli.stage import Stage, param
+from upvl_cli.config.base import Config, setting
+from upvl_cli.pipeline.stage import Stage
+from upvl_cli.stages.rows import GroundRow, ObjectRow, OdometryRow, PcaRow, TrainRow
 
 if TYPE_CHECKING:
     from upvl_cli.detector.finding import Found
-    from upvl_cli.inputs import Inputs
+    from upvl_cli.pipeline.stage import Inputs
     from upvl_cli.types import Array
 
 
 @dataclass(frozen=True)
-class DetectParams:
+class DetectConfig(Config):
     """Settings of `detect`."""
 
-    min_score: float = param("boxes below are dropped", least=0, most=1)
-    max_boxes: int = param("most boxes of a frame", least=1, most=10_000)
-    nms_iou: float = param("of two boxes that overlap more, seen from above, the worse goes", least=0, most=1)
-    agility_m2ps3: float = param(
-        "how strongly objects accelerate, as a spectral density", "m^2/s^3", least=0.001, most=10_000
+    min_score: float = setting("boxes below are dropped", ge=0, le=1)
+    max_boxes: int = setting("most boxes of a frame", ge=1, le=10_000)
+    nms_iou: float = setting("of two boxes that overlap more, seen from above, the worse goes", ge=0, le=1)
+    agility_m2ps3: float = setting(
+        "how strongly objects accelerate, as a spectral density", "m^2/s^3", ge=0.001, le=10_000
     )
-    position_noise_m: float = param("standard deviation of a box's centre", "m", least=0.001, most=100)
-    velocity_noise_mps: float = param(
-        "standard deviation of velocities: boxes come without, and start from 0", "m/s", least=0.001, most=200
+    position_noise_m: float = setting("standard deviation of a box's centre", "m", ge=0.001, le=100)
+    velocity_noise_mps: float = setting(
+        "standard deviation of velocities: boxes come without, and start from 0", "m/s", ge=0.001, le=200
     )
-    gate: float = param("standard deviations within which a box can be the track's", least=0.1, most=100)
-    max_coast_s: float = param("a track ends when it has had no box for longer", "s", least=0, most=3600)
-    max_gap_s: float = param("tracks this far apart in time can be one object", "s", least=0, most=3600)
-    min_boxes: int = param("a track with fewer boxes is none", least=1, most=10**6)
-    refine: bool = param(
+    gate: float = setting("standard deviations within which a box can be the track's", ge=0.1, le=100)
+    max_coast_s: float = setting("a track ends when it has had no box for longer", "s", ge=0, le=3600)
+    max_gap_s: float = setting("tracks this far apart in time can be one object", "s", ge=0, le=3600)
+    min_boxes: int = setting("a track with fewer boxes is none", ge=1, le=10**6)
+    refine: bool = setting(
         "correct each box by those of its track before and after: size, place, heading, score"
     )
 
 
-def run(inputs: Inputs, params: DetectParams) -> Iterator[ObjectRow]:
+def run(inputs: Inputs, config: DetectConfig) -> Iterator[ObjectRow]:
     """Find boxes, and the features of the points inside of them, without a picture; join the boxes to tracks.
 
     A point in two boxes that overlap counts for both. A box of no track has no velocity, and the number -1.
@@ -46,47 +47,51 @@ def run(inputs: Inputs, params: DetectParams) -> Iterator[ObjectRow]:
     """
     import numpy as np
 
-    from upvl_cli.algorithms.objects import pooled
+    from upvl_cli.perception.labels.point_features import pooled
+    from upvl_cli.types import Boxes, Ragged
 
-    (fitted,) = inputs.table("pca")
-    poses = list(inputs.table("odometry"))
-    found = [*_found(inputs, params)]
-    tracked = _tracked(inputs, params, found)
+    (fitted,) = inputs.table("pca", PcaRow)
+    poses = list(inputs.table("odometry", OdometryRow))
+    found = [*_found(inputs, config)]
+    tracked = _tracked(inputs, config, found)
     last = np.cumsum([len(boxes.seven) for boxes in found])
     for pose, boxes, end in zip(poses, found, last, strict=True):
         rows = slice(end - len(boxes.seven), end)
         codes = fitted.basis.rounded(boxes.feature)
         inputs.count("boxes", len(boxes.seven))
         inputs.count("boxes in no track", (tracked.track_id[rows] < 0).sum())
+        placed = Boxes.from_rows(tracked.seven[rows])
         yield ObjectRow(
             inputs.segment,
             pose.frame,
-            tracked.seven[rows],
+            pose.time_ns,
+            placed.center_m,
+            placed.size_lwh_m,
+            placed.heading_rad,
             tracked.velocity_mps[rows],
             boxes.points,
             tracked.score[rows],
             tracked.track_id[rows],
-            time_ns=pose.time_ns,
-            of_box=boxes.of_box,
-            feature=codes,
+            num_features=np.bincount(boxes.of_box, minlength=len(boxes.seven)),
+            point_feature=Ragged.grouped(boxes.of_box, codes, len(boxes.seven)),
             pooled=pooled(boxes.of_box, codes, len(boxes.seven), fitted.basis),
         )
 
 
-def _found(inputs: Inputs, params: DetectParams) -> Iterator[Found]:
+def _found(inputs: Inputs, config: DetectConfig) -> Iterator[Found]:
     """The boxes of each frame; sweeps are read ahead while the network looks."""
     import numpy as np
     import torch
 
     from upvl_cli.detector.finding import find
     from upvl_cli.detector.sweeps import Route
-    from upvl_cli.parallel import in_order, threads
+    from upvl_cli.runtime.parallel import in_order, threads
 
-    (trained,) = inputs.table("train")
+    (trained,) = inputs.table("train", TrainRow)
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     torch.set_num_threads(threads())
     detector = trained.detector.to(device)
-    poses, drive = list(inputs.table("odometry")), inputs.drive
+    poses, drive = list(inputs.table("odometry", OdometryRow)), inputs.drive
     route = Route(
         tuple(pose.frame for pose in poses),
         tuple(pose.time_ns for pose in poses),
@@ -94,7 +99,7 @@ def _found(inputs: Inputs, params: DetectParams) -> Iterator[Found]:
         drive.ground_z_m,
     )
 
-    grounds = inputs.table("ground")
+    grounds = inputs.table("ground", GroundRow)
 
     def seen(place: int) -> tuple[Array, Array]:
         """The points of a frame and of the one before it, and the ground below those of the frame."""
@@ -109,9 +114,9 @@ def _found(inputs: Inputs, params: DetectParams) -> Iterator[Found]:
             points,
             floor_m,
             drive.ground_z_m,
-            min_score=params.min_score,
-            max_boxes=params.max_boxes,
-            nms_iou=params.nms_iou,
+            min_score=config.min_score,
+            max_boxes=config.max_boxes,
+            nms_iou=config.nms_iou,
         )
 
 
@@ -131,17 +136,17 @@ class _Tracked(NamedTuple):
     track_id: Array
 
 
-def _tracked(inputs: Inputs, params: DetectParams, found: list[Found]) -> _Tracked:
+def _tracked(inputs: Inputs, config: DetectConfig, found: list[Found]) -> _Tracked:
     from dataclasses import asdict
 
     import numpy as np
 
-    from upvl_cli.algorithms.refinement import refined
-    from upvl_cli.algorithms.tracking import track
     from upvl_cli.geometry.boxes import transform
     from upvl_cli.geometry.se3 import inverse
+    from upvl_cli.perception.tracking.refinement import refined
+    from upvl_cli.perception.tracking.track import track
 
-    poses = list(inputs.table("odometry"))
+    poses = list(inputs.table("odometry", OdometryRow))
     counts = [len(boxes.seven) for boxes in found]
     step = np.repeat(np.arange(len(found)), counts)
     pairs = list(zip(found, poses, strict=True))
@@ -149,7 +154,7 @@ def _tracked(inputs: Inputs, params: DetectParams, found: list[Found]) -> _Track
         [*(transform(of.seven, pose.world_from_ego) for of, pose in pairs), np.zeros((0, 7))]
     )
     time_s = np.array([(pose.time_ns - poses[0].time_ns) * 1e-9 for pose in poses])
-    values = asdict(params)
+    values = asdict(config)
     tracks = track(
         step,
         world,
@@ -171,7 +176,7 @@ def _tracked(inputs: Inputs, params: DetectParams, found: list[Found]) -> _Track
     velocity_mps[box] = np.einsum("ni,nij->nj", tracks.velocity_mps[own], turn[tracks.frame[own]])
     track_id[box] = tracks.track[own]
     score = np.concatenate([*(of.score for of in found), np.zeros(0)]).astype(np.float64)
-    if not params.refine:
+    if not config.refine:
         seven = np.concatenate([*(of.seven for of in found), np.zeros((0, 7))])
         return _Tracked(seven, velocity_mps, score, track_id)
     better, sure = refined(world, score, track_id, time_s[step])
@@ -182,7 +187,7 @@ def _tracked(inputs: Inputs, params: DetectParams, found: list[Found]) -> _Track
 STAGE = Stage(
     name="detect",
     run=run,
-    params=DetectParams,
+    config=DetectConfig,
     row=ObjectRow,
     reads=("raw", "odometry", "ground", "pca", "train"),
     version=2,

@@ -6,32 +6,27 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from upvl_cli.stage import Row, Stage, column, param
+from upvl_cli.config.base import Config, setting
+from upvl_cli.pipeline.stage import Stage
+from upvl_cli.stages.rows import FlowRow, GroundRow, OdometryRow
 
 if TYPE_CHECKING:
-    from upvl_cli.inputs import Inputs
+    from upvl_cli.pipeline.stage import Inputs
     from upvl_cli.types import Array
 
 
 @dataclass(frozen=True)
-class FlowParams:
+class FlowConfig(Config):
     """Settings of `flow`."""
 
-    max_speed_mps: float = param("a faster component is noise", "m/s", least=0.1, most=80)
-    eps_m: float = param("points closer than this are one component", "m", least=0.05, most=20)
-    min_points: int = param("points that make a neighbourhood dense", least=1, most=10**6)
-    voxel_m: float = param("points closer than this count as one place", "m", least=0.01, most=10)
-    still_misfit: float = param(
-        "a component this close to the next sweep, in spacings, stands still", least=0, most=100
+    max_speed_mps: float = setting("a faster component is noise", "m/s", ge=0.1, le=80)
+    eps_m: float = setting("points closer than this are one component", "m", ge=0.05, le=20)
+    min_points: int = setting("points that make a neighbourhood dense", ge=1, le=10**6)
+    voxel_m: float = setting("points closer than this count as one place", "m", ge=0.01, le=10)
+    still_misfit: float = setting(
+        "a component this close to the next sweep, in spacings, stands still", ge=0, le=100
     )
-    min_gain: float = param("motion must lower that misfit by this share", least=0, most=1)
-
-
-@dataclass(frozen=True)
-class FlowRow(Row):
-    """Motion of each point of a sweep, in the order of its points."""
-
-    flow_mps: Array = column("float16", "velocity over the ground", "m/s", "ego", per="point", shape=(3,))
+    min_gain: float = setting("motion must lower that misfit by this share", ge=0, le=1)
 
 
 @dataclass(frozen=True)
@@ -44,16 +39,16 @@ class SweepPair:
     dt_s: float
 
 
-def run(inputs: Inputs, params: FlowParams) -> Iterator[FlowRow]:
+def run(inputs: Inputs, config: FlowConfig) -> Iterator[FlowRow]:
     """Estimate the motion of every LiDAR point relative to the ground."""
     from dataclasses import asdict
 
     import numpy as np
 
-    from upvl_cli.algorithms.flow import estimate
-    from upvl_cli.parallel import in_order
+    from upvl_cli.perception.flow.estimate import estimate
+    from upvl_cli.runtime.parallel import in_order
 
-    settings = asdict(params)
+    settings = asdict(config)
 
     def flow_mps(pair: SweepPair) -> Array:
         """The flow of a sweep; the ground, and a sweep all alone, have none."""
@@ -63,7 +58,7 @@ def run(inputs: Inputs, params: FlowParams) -> Iterator[FlowRow]:
             flow[pair.is_above] = estimate(source, pair.other_xyz_ego_m, pair.dt_s, **settings)
         return flow
 
-    frames = inputs.table("odometry").frames
+    frames = inputs.table("odometry", OdometryRow).frames
     for frame, flow in zip(frames, in_order(flow_mps, _pairs(inputs)), strict=True):
         yield FlowRow(inputs.segment, frame, flow)
 
@@ -71,9 +66,9 @@ def run(inputs: Inputs, params: FlowParams) -> Iterator[FlowRow]:
 def _pairs(inputs: Inputs) -> Iterator[SweepPair]:
     """Each sweep with the next one; the last with the one before, so that its motion is that way back, turned."""
     from upvl_cli.geometry.se3 import apply, inverse
-    from upvl_cli.parallel import in_order
+    from upvl_cli.runtime.parallel import in_order
 
-    poses, ground = list(inputs.table("odometry")), inputs.table("ground")
+    poses, ground = list(inputs.table("odometry", OdometryRow)), inputs.table("ground", GroundRow)
 
     def sweep(step: int) -> tuple[Array, Array]:
         frame = poses[step].frame
@@ -98,4 +93,4 @@ def _pairs(inputs: Inputs) -> Iterator[SweepPair]:
         before, here = here, after
 
 
-STAGE = Stage(name="flow", run=run, params=FlowParams, row=FlowRow, reads=("raw", "odometry", "ground"))
+STAGE = Stage(name="flow", run=run, config=FlowConfig, row=FlowRow, reads=("raw", "odometry", "ground"))

@@ -6,50 +6,34 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from upvl_cli.stage import Row, Stage, column, param
+from upvl_cli.config.base import Config, setting
+from upvl_cli.pipeline.stage import Stage
+from upvl_cli.stages.rows import PcaRow
 
 if TYPE_CHECKING:
-    from upvl_cli.algorithms.open_vocabulary import Basis
-    from upvl_cli.inputs import Inputs
-    from upvl_cli.types import Array, Floats
+    from upvl_cli.pipeline.stage import Inputs
+    from upvl_cli.types import Floats
 
 
 @dataclass(frozen=True)
-class PcaParams:
+class PcaConfig(Config):
     """Settings of `pca`."""
 
-    drives: tuple[str, ...] = param('names of the drives to fit it to, with * for anything: "train-*"')
-    images: int = param(
-        "pictures to fit it to, spread over those drives; 0 where no picture is used", least=0, most=10**6
+    drives: tuple[str, ...] = setting('names of the drives to fit it to, with * for anything: "train-*"')
+    images: int = setting(
+        "pictures to fit it to, spread over those drives; 0 where no picture is used", ge=0, le=10**6
     )
-    cells: int = param("features of each picture that it is fitted to", least=64, most=10**6)
+    cells: int = setting("features of each picture that it is fitted to", ge=64, le=10**6)
 
 
-@dataclass(frozen=True)
-class PcaRow(Row):
-    """The basis; one row for all drives. `components` holds 64 rows, one after the other."""
-
-    mean: Array = column("float32", "mean of the features, all of length 1", per="dimension")
-    components: Array = column("float32", "principal axes, those of the most variance first", per="value")
-    scale: Array = column("float32", "size of a step of each rounded value", per="component")
-    variance_kept: float = column("float64", "share of the variance that is kept")
-
-    @property
-    def basis(self) -> Basis:
-        """The basis itself."""
-        from upvl_cli.algorithms.open_vocabulary import Basis
-
-        return Basis(self.mean, self.components.reshape(-1, len(self.mean)), self.scale, self.variance_kept)
-
-
-def run(inputs: Inputs, params: PcaParams) -> Iterator[PcaRow]:
+def run(inputs: Inputs, config: PcaConfig) -> Iterator[PcaRow]:
     """Fit the 64 values that are kept of a feature to a sample of the drives."""
     from functools import partial
 
     import numpy as np
 
-    from upvl_cli.algorithms.open_vocabulary import fit
-    from upvl_cli.parallel import in_order
+    from upvl_cli.perception.visual.open_vocabulary import fit
+    from upvl_cli.runtime.parallel import in_order
 
     def embedded(drive: Any, picture: tuple[int, str]) -> Floats:
         """(n, d) features of a picture, none where it is missing."""
@@ -59,7 +43,7 @@ def run(inputs: Inputs, params: PcaParams) -> Iterator[PcaRow]:
 
     def features() -> Iterator[Floats]:
         """Some cells of some pictures, in the same order each time."""
-        if not params.images:
+        if not config.images:
             return
         pictures = [
             (drive.name, frame.index, camera.name)
@@ -68,17 +52,17 @@ def run(inputs: Inputs, params: PcaParams) -> Iterator[PcaRow]:
             for camera in drive.cameras
         ]
         rng = np.random.default_rng(0)
-        chosen = sorted(rng.permutation(len(pictures))[: params.images].tolist())
+        chosen = sorted(rng.permutation(len(pictures))[: config.images].tolist())
         for drive in inputs.drives():
             own = [pictures[place][1:] for place in chosen if pictures[place][0] == drive.name]
             for cells in in_order(partial(embedded, drive), own):
                 inputs.count("pictures", int(len(cells) > 0))
                 if len(cells):
-                    yield cells[rng.permutation(len(cells))[: params.cells]]
+                    yield cells[rng.permutation(len(cells))[: config.cells]]
 
     basis = fit(features(), inputs.model.dim)
     inputs.count("percent of the variance kept", round(100 * basis.variance_kept))
     yield PcaRow(inputs.segment, 0, basis.mean, basis.components.ravel(), basis.scale, basis.variance_kept)
 
 
-STAGE = Stage(name="pca", run=run, params=PcaParams, row=PcaRow, reads=("raw", "vlm"), whole=True)
+STAGE = Stage(name="pca", run=run, config=PcaConfig, row=PcaRow, reads=("raw", "vlm"), scope="dataset")

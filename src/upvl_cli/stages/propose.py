@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from upvl_cli.rows import BoxRow
-from upvl_cli.stage import Stage, column, param
+from upvl_cli.config.base import Config, setting
+from upvl_cli.pipeline.stage import Stage
+from upvl_cli.stages.rows import ExtractVlRow, FlowRow, GroundRow, MaskRow, OdometryRow, PcaRow, ProposalRow
 
 if TYPE_CHECKING:
-    from upvl_cli.inputs import Inputs
+    from upvl_cli.pipeline.stage import Inputs
     from upvl_cli.types import Array
 
 
@@ -18,65 +19,58 @@ LOOK = 3  # values of a feature that clusters go by: more only add noise to the 
 
 
 @dataclass(frozen=True)
-class ProposeParams:
+class ProposeConfig(Config):
     """Settings of `propose`."""
 
-    eps_m: float = param("neighbours are closer than this", "m", least=0.05, most=20)
-    eps_deg: float = param("or than this, as the car sees them", "degrees", least=0, most=20)
-    eps_mps: float = param("and their motion differs by less than this", "m/s", least=0.01, most=1000)
-    min_points: int = param(
-        "points that make a dense neighbourhood, and the fewest of an object", least=1, most=10**6
+    eps_m: float = setting("neighbours are closer than this", "m", ge=0.05, le=20)
+    eps_deg: float = setting("or than this, as the car sees them", "degrees", ge=0, le=20)
+    eps_mps: float = setting("and their motion differs by less than this", "m/s", ge=0.01, le=1000)
+    min_points: int = setting(
+        "points that make a dense neighbourhood, and the fewest of an object", ge=1, le=10**6
     )
-    voxel_m: float = param("points closer than this count as one place", "m", least=0.01, most=10)
-    eps_vl: float = param(
-        "and their features by less than this; 0 takes no notice of features", least=0, most=10
+    voxel_m: float = setting("points closer than this count as one place", "m", ge=0.01, le=10)
+    eps_vl: float = setting(
+        "and their features by less than this; 0 takes no notice of features", ge=0, le=10
     )
-    cluster_background: bool = param(
+    cluster_background: bool = setting(
         "background points make objects too, as in the paper; otherwise they only join what they lie in"
     )
-    max_background_share: float = param(
-        "drop an object with a larger share of background points: the paper's r_bg", least=0, most=1
+    max_background_share: float = setting(
+        "drop an object with a larger share of background points: the paper's r_bg", ge=0, le=1
     )
-    max_lasting_share: float = param(
-        "drop an object that claims to leave its place while a larger share of it stays", least=0, most=1
+    max_lasting_share: float = setting(
+        "drop an object that claims to leave its place while a larger share of it stays", ge=0, le=1
     )
-    moving_mps: float = param(
-        "from this speed on motion gives the heading, below it shape", "m/s", least=0, most=200
+    moving_mps: float = setting(
+        "from this speed on motion gives the heading, below it shape", "m/s", ge=0, le=200
     )
-    foot_m: float = param(
-        "points lower than this have no say in length, width and heading", "m", least=0, most=10
+    foot_m: float = setting(
+        "points lower than this have no say in length, width and heading", "m", ge=0, le=10
     )
-    person_gap_m: float = param("persons this far apart are not one object", "m", least=0.01, most=20)
+    person_gap_m: float = setting("persons this far apart are not one object", "m", ge=0.01, le=20)
 
 
-@dataclass(frozen=True)
-class ProposeRow(BoxRow):
-    """Boxes of one sweep, and which points they were made from."""
-
-    box_of_point: Array = column(
-        "int32", "number of the box that the point belongs to, -1 for none", per="point"
-    )
-
-
-def run(inputs: Inputs, params: ProposeParams) -> Iterator[ProposeRow]:
+def run(inputs: Inputs, config: ProposeConfig) -> Iterator[ProposalRow]:
     """Cluster the points that move, and fit the tightest box around each cluster."""
     from dataclasses import asdict
 
     import numpy as np
 
-    from upvl_cli.algorithms.clustering import NOISE
-    from upvl_cli.algorithms.persistence import places
-    from upvl_cli.algorithms.proposals import Proposals, Sweep, propose
-    from upvl_cli.algorithms.views import SEEN
     from upvl_cli.geometry.se3 import apply
-    from upvl_cli.parallel import in_order
+    from upvl_cli.perception.clustering import NOISE
+    from upvl_cli.perception.proposals.persistence import places
+    from upvl_cli.perception.proposals.propose import Proposals, Sweep, propose
+    from upvl_cli.perception.visual.views import SEEN
+    from upvl_cli.runtime.parallel import in_order
+    from upvl_cli.types import Boxes, Ragged
 
-    drive, settings = inputs.drive, asdict(params)
+    drive, settings = inputs.drive, asdict(config)
     eps_vl = settings.pop("eps_vl")
-    look_m = params.eps_m / eps_vl if eps_vl else 0.0
-    poses = list(inputs.table("odometry"))
-    flows, grounds, masks = (inputs.table(name) for name in ("flow", "ground", "mask"))
-    features, (fitted,) = inputs.table("extract-vl"), inputs.table("pca")
+    look_m = config.eps_m / eps_vl if eps_vl else 0.0
+    poses = list(inputs.table("odometry", OdometryRow))
+    flows, grounds = inputs.table("flow", FlowRow), inputs.table("ground", GroundRow)
+    masks = inputs.table("mask", MaskRow)
+    features, (fitted,) = inputs.table("extract-vl", ExtractVlRow), inputs.table("pca", PcaRow)
 
     def look(frame: int, above: Array) -> Array:
         """The strongest values of the features of points, in metres; 0 where there is none."""
@@ -85,7 +79,7 @@ def run(inputs: Inputs, params: ProposeParams) -> Iterator[ProposeRow]:
         values[of.state == SEEN] = fitted.basis.values(of.feature)[:, :LOOK] * look_m
         return values[above]
 
-    def above_ground(pose: Any) -> Array:
+    def above_ground(pose: OdometryRow) -> Array:
         """The points of a frame that stand above the ground, in ego axes."""
         is_ground: Array = grounds[pose.frame].is_ground
         return drive.points(pose.frame).xyz_ego_m[~is_ground].astype(np.float64)
@@ -115,18 +109,29 @@ def run(inputs: Inputs, params: ProposeParams) -> Iterator[ProposeRow]:
         box_of_point[above] = boxes.of_point
         return boxes, box_of_point
 
-    for frame, (boxes, box_of_point) in zip(flows.frames, in_order(found, range(len(poses))), strict=True):
-        inputs.count("boxes kept", len(boxes.seven))
-        for reason, items in boxes.dropped.items():
+    for pose, (found_here, box_of_point) in zip(poses, in_order(found, range(len(poses))), strict=True):
+        boxes = Boxes.from_rows(found_here.seven)
+        inputs.count("boxes kept", len(boxes))
+        for reason, items in found_here.dropped.items():
             inputs.count(reason, items)
-        yield ProposeRow(inputs.segment, frame, boxes.seven, boxes.velocity_mps, boxes.points, box_of_point)
+        yield ProposalRow(
+            inputs.segment,
+            pose.frame,
+            pose.time_ns,
+            boxes.center_m,
+            boxes.size_lwh_m,
+            boxes.heading_rad,
+            found_here.velocity_mps,
+            found_here.points,
+            Ragged.grouped(box_of_point, np.arange(len(box_of_point), dtype=np.int32), len(boxes)),
+        )
 
 
 STAGE = Stage(
     name="propose",
     run=run,
-    params=ProposeParams,
-    row=ProposeRow,
+    config=ProposeConfig,
+    row=ProposalRow,
     reads=("raw", "odometry", "ground", "flow", "pca", "extract-vl", "mask"),
     version=3,
 )

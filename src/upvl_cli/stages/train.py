@@ -4,122 +4,82 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
-from upvl_cli.stage import Row, Stage, column, param
+from upvl_cli.config.base import Config, setting
+from upvl_cli.pipeline.stage import Stage
+from upvl_cli.stages.rows import AmodalRow, ExtractVlRow, OdometryRow, PcaRow, TrainRow
 
 if TYPE_CHECKING:
-    from upvl_cli.algorithms.open_vocabulary import Basis
     from upvl_cli.detector.batch import Grid
     from upvl_cli.detector.frames import DriveFrames, Source
-    from upvl_cli.detector.model import Detector
     from upvl_cli.detector.together import Team
     from upvl_cli.detector.training import Plan
-    from upvl_cli.inputs import Inputs
-    from upvl_cli.types import Array
+    from upvl_cli.perception.visual.open_vocabulary import Basis
+    from upvl_cli.pipeline.stage import Inputs
 
 
 @dataclass(frozen=True)
-class TrainParams:
+class TrainConfig(Config):
     """Settings of `train`."""
 
-    drives: tuple[str, ...] = param('names of the drives to learn from, with * for anything: "train-*"')
-    held_out: float = param("share of each drive, its end, that is only looked at", least=0, most=0.9)
-    grid_m: tuple[float, ...] = param(
-        "ends of what is seen: x from and to, y, height above the road", "m", least=-1000, most=1000
+    drives: tuple[str, ...] = setting('names of the drives to learn from, with * for anything: "train-*"')
+    held_out: float = setting("share of each drive, its end, that is only looked at", ge=0, le=0.9)
+    grid_m: tuple[float, ...] = setting(
+        "ends of what is seen: x from and to, y, height above the road", "m", ge=-1000, le=1000
     )
-    pillar_m: float = param("side of a pillar", "m", least=0.02, most=10)
-    encoder: str = param("how boxes are said", choices=("anchors", "centres"))
-    width: int = param("channels of a pillar, a multiple of 8", least=8, most=1024)
-    steps: int = param("steps of a round", least=1, most=10**8)
-    batch: int = param("frames of a step, over all processes", least=1, most=10**5)
-    rate: float = param("highest learning rate", least=1e-8, most=1)
-    distil: float = param("weight of the features of points; 0 learns boxes only", least=0, most=1000)
-    paste: int = param("objects of another frame that are set into each", least=0, most=1000)
-    check_steps: int = param(
+    pillar_m: float = setting("side of a pillar", "m", ge=0.02, le=10)
+    encoder: Literal["anchors", "centres"] = setting("how boxes are said")
+    width: int = setting("channels of a pillar, a multiple of 8", ge=8, le=1024)
+    steps: int = setting("steps of a round", ge=1, le=10**8)
+    batch: int = setting("frames of a step, over all processes", ge=1, le=10**5)
+    rate: float = setting("highest learning rate", ge=1e-8, le=1)
+    distil: float = setting("weight of the features of points; 0 learns boxes only", ge=0, le=1000)
+    paste: int = setting("objects of another frame that are set into each", ge=0, le=1000)
+    check_steps: int = setting(
         "steps between looks at what is held out; from the last one a stopped run goes on",
-        least=1,
-        most=10**8,
+        ge=1,
+        le=10**8,
     )
-    rounds: int = param("trainings; each but the first learns also from what was found", least=1, most=100)
-    trust: float = param("least score of what is found and learned from", least=0, most=1)
-    seed: int = param("of all chance", least=0, most=2**31 - 1)
-    precision: str = param(
-        "half: bfloat16 where the device has units for it; full: nearly the same numbers on any",
-        choices=("half", "full"),
+    rounds: int = setting("trainings; each but the first learns also from what was found", ge=1, le=100)
+    trust: float = setting("least score of what is found and learned from", ge=0, le=1)
+    seed: int = setting("of all chance", ge=0, le=2**31 - 1)
+    precision: Literal["half", "full"] = setting(
+        "half: bfloat16 where the device has units for it; full: nearly the same numbers on any"
     )
 
 
-@dataclass(frozen=True)
-class TrainRow(Row):
-    """The detector and how it was learned; one row for all drives."""
-
-    weights: Array = column("uint8", "the weights, as a file of safetensors", per="byte")
-    grid_m: Array = column("float64", "ends of what is seen: x, y, height above the road", "m", shape=(6,))
-    pillar_m: float = column("float64", "side of a pillar", "m")
-    encoder: str = column("string", "how boxes are said")
-    width: int = column("int64", "channels of a pillar")
-    distils: bool = column("bool", "whether it says features of points")
-    rate: Array = column("float64", "learning rate of each step", per="step")
-    total: Array = column("float64", "loss", per="step")
-    objectness: Array = column("float64", "part of the loss: where something is", per="step")
-    box: Array = column("float64", "part of the loss: places and sizes", per="step")
-    heading: Array = column("float64", "part of the loss: headings", per="step")
-    distil: Array = column("float64", "part of the loss: features", per="step")
-    check_step: Array = column("int64", "steps done at each look at what is held out", per="check")
-    check_total: Array = column("float64", "loss there", per="check")
-
-    @property
-    def detector(self) -> Detector:
-        """The network, ready to detect."""
-        from upvl_cli.detector.checkpoint import rebuilt
-
-        return rebuilt(
-            self.weights, grid_of(self.grid_m, self.pillar_m), self.width, self.encoder, self.distils
-        )
-
-
-def grid_of(grid_m: Array | tuple[float, ...], pillar_m: float) -> Grid:
-    """What the detector sees, from the numbers of the settings."""
-    from upvl_cli.detector.batch import Grid
-    from upvl_cli.errors import BadSetting
-
-    if len(grid_m) != 6:
-        raise BadSetting(f"train: grid_m has {len(grid_m)} numbers, expected 6: x from and to, y, height")
-    x0, x1, y0, y1, z0, z1 = (float(end) for end in grid_m)
-    return Grid((x0, x1), (y0, y1), (z0, z1), pillar_m)
-
-
-def run(inputs: Inputs, params: TrainParams) -> Iterator[TrainRow]:
+def run(inputs: Inputs, config: TrainConfig) -> Iterator[TrainRow]:
     """Learn a detector from the auto labels; it goes on from where a stopped run was."""
     import numpy as np
     import torch
 
+    from upvl_cli.detector.batch import grid_of
     from upvl_cli.detector.checkpoint import LOSSES, State, keep, packed, resume
     from upvl_cli.detector.loss import Space
     from upvl_cli.detector.model import Detector
     from upvl_cli.detector.together import team
     from upvl_cli.detector.training import Lesson, learn
-    from upvl_cli.parallel import threads
+    from upvl_cli.runtime.parallel import threads
 
-    (fitted,) = inputs.table("pca")
-    torch.manual_seed(params.seed)
+    (fitted,) = inputs.table("pca", PcaRow)
+    torch.manual_seed(config.seed)
     torch.set_num_threads(threads())
     # Without a picture there is no feature to learn.
-    distil = params.distil if fitted.variance_kept > 0 else 0.0
-    detector = Detector(grid_of(params.grid_m, params.pillar_m), params.width, params.encoder, distil > 0)
+    distil = config.distil if fitted.variance_kept > 0 else 0.0
+    detector = Detector(grid_of(config.grid_m, config.pillar_m), config.width, config.encoder, distil > 0)
     path, stamp = inputs.folder / "checkpoint.safetensors", inputs.stamp
     with team() as here:
-        _check_batch(params, here.size)
-        frames = _frames(inputs, params, detector.grid, fitted.basis, here)
+        _check_batch(config, here.size)
+        frames = _frames(inputs, config, detector.grid, fitted.basis, here)
         space = Space.of(fitted.mean.copy(), fitted.basis.components.copy())
-        lesson = Lesson(detector, frames, space, _plan(params, distil), here)
+        lesson = Lesson(detector, frames, space, _plan(config, distil), here)
 
         def kept(state: State) -> None:
             if here.rank == 0:
                 keep(path, state, stamp)
 
-        inputs.passing.append(path)
+        inputs.discard_when_done(path)
         state = learn(lesson, resume(path, stamp) or State(), keep=kept, tick=inputs.tick)
         here.wait()
     curve = np.array(state.curve).T
@@ -128,10 +88,10 @@ def run(inputs: Inputs, params: TrainParams) -> Iterator[TrainRow]:
         inputs.segment,
         0,
         packed(state.best),
-        np.array(params.grid_m),
-        params.pillar_m,
-        params.encoder,
-        params.width,
+        np.array(config.grid_m),
+        config.pillar_m,
+        config.encoder,
+        config.width,
         distil > 0,
         curve[0],
         **dict(zip(LOSSES, curve[1:], strict=True)),
@@ -140,29 +100,29 @@ def run(inputs: Inputs, params: TrainParams) -> Iterator[TrainRow]:
     )
 
 
-def _plan(params: TrainParams, distil: float) -> Plan:
+def _plan(config: TrainConfig, distil: float) -> Plan:
     from upvl_cli.detector.training import Plan
 
     return Plan(
-        steps=params.steps,
-        batch=params.batch,
-        rate=params.rate,
+        steps=config.steps,
+        batch=config.batch,
+        rate=config.rate,
         distil=distil,
-        check_steps=params.check_steps,
-        rounds=params.rounds,
-        trust=params.trust,
-        seed=params.seed,
-        half=params.precision == "half",
+        check_steps=config.check_steps,
+        rounds=config.rounds,
+        trust=config.trust,
+        seed=config.seed,
+        half=config.precision == "half",
     )
 
 
-def _frames(inputs: Inputs, params: TrainParams, grid: Grid, basis: Basis, here: Team) -> DriveFrames:
+def _frames(inputs: Inputs, config: TrainConfig, grid: Grid, basis: Basis, here: Team) -> DriveFrames:
     """The frames of the drives whose names are asked for."""
     from upvl_cli.detector.frames import DriveFrames
     from upvl_cli.errors import BadSetting
 
     chosen = inputs.segments
-    lengths = {name: len(inputs.table("odometry", name)) for name in chosen}
+    lengths = {name: len(inputs.table("odometry", OdometryRow, name)) for name in chosen}
     if here.rank == 0:
         for name in chosen:
             inputs.sweeps(name)
@@ -172,9 +132,9 @@ def _frames(inputs: Inputs, params: TrainParams, grid: Grid, basis: Basis, here:
         lambda name: _source(inputs, name),
         grid=grid,
         values=basis.values,
-        held_out=params.held_out,
-        paste=params.paste,
-        seed=params.seed,
+        held_out=config.held_out,
+        paste=config.paste,
+        seed=config.seed,
     )
     if not frames.train:
         raise BadSetting("train: held_out leaves no frame to learn from; lower it, or add drives")
@@ -186,14 +146,14 @@ def _frames(inputs: Inputs, params: TrainParams, grid: Grid, basis: Basis, here:
 def _source(inputs: Inputs, name: str) -> Source:
     import numpy as np
 
-    from upvl_cli.algorithms.views import SEEN
     from upvl_cli.detector.frames import Source
     from upvl_cli.detector.sweeps import Route
+    from upvl_cli.perception.visual.views import SEEN
     from upvl_cli.types import Floats, Ints
 
     sweeps = inputs.sweeps(name)
-    poses = list(inputs.table("odometry", name))
-    features, labels = inputs.table("extract-vl", name), inputs.table("nms", name)
+    poses = list(inputs.table("odometry", OdometryRow, name))
+    features, labels = inputs.table("extract-vl", ExtractVlRow, name), inputs.table("nms", AmodalRow, name)
 
     def seen(frame: int) -> tuple[Ints, Ints]:
         row = features[frame]
@@ -212,20 +172,20 @@ def _source(inputs: Inputs, name: str) -> Source:
     return Source(route, sweeps.read, seen, labelled)
 
 
-def _check_batch(params: TrainParams, processes: int) -> None:
+def _check_batch(config: TrainConfig, processes: int) -> None:
     from upvl_cli.errors import BadSetting
 
-    if params.batch % processes:
-        raise BadSetting(f"train: batch = {params.batch} cannot be shared evenly by {processes} processes")
+    if config.batch % processes:
+        raise BadSetting(f"train: batch = {config.batch} cannot be shared evenly by {processes} processes")
 
 
 STAGE = Stage(
     name="train",
     run=run,
-    params=TrainParams,
+    config=TrainConfig,
     row=TrainRow,
     reads=("raw", "odometry", "pca", "extract-vl", "nms"),
-    whole=True,
-    shared=True,
+    scope="dataset",
+    distributed=True,
     version=2,
 )

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import difflib
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from upvl_cli.errors import BadSetting
-from upvl_cli.vlm.base import Adapter, Model
+from upvl_cli.vlm.base import ModelFamily
+
+if TYPE_CHECKING:
+    from upvl_cli.types import Model
 
 
 def _mini_files(weights: str) -> tuple[Path, ...]:
@@ -57,15 +61,15 @@ def _onnx(weights: str) -> Model:
     return Onnx(weights)
 
 
-MODELS: dict[str, Adapter] = {
-    "mini": Adapter(_mini_files, _mini, "mini", version=2),
-    "clip": Adapter(_clip_files, _clip, "clip:/models/clip-vit-base-patch16"),
-    "openseg": Adapter(_openseg_files, _openseg, "openseg:/models/openseg"),
-    "onnx": Adapter(_onnx_files, _onnx, "onnx:/models/mine"),
+MODELS: dict[str, ModelFamily] = {
+    "mini": ModelFamily(_mini_files, _mini, "mini", version=2),
+    "clip": ModelFamily(_clip_files, _clip, "clip:/models/clip-vit-base-patch16"),
+    "openseg": ModelFamily(_openseg_files, _openseg, "openseg:/models/openseg"),
+    "onnx": ModelFamily(_onnx_files, _onnx, "onnx:/models/mine"),
 }
 
 
-def adapter(model: str) -> tuple[Adapter, str]:
+def model_family(model: str) -> tuple[ModelFamily, str]:
     """The adapter that a value such as "clip:/models/b16" names, and what follows its colon.
 
     Raises:

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from upvl_cli.errors import BadInput
-from upvl_cli.types import Array, Floats
+from upvl_cli.types import Array, BackgroundRule, Floats
 from upvl_cli.vlm import checkpoint
-from upvl_cli.vlm.base import BackgroundRule
 from upvl_cli.vlm.clip_image import ClipImage
 from upvl_cli.vlm.clip_text import ClipText
 

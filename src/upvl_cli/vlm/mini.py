@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from upvl_cli.errors import BadSetting
-from upvl_cli.types import Array, Floats
-from upvl_cli.vlm.base import BackgroundRule
+from upvl_cli.types import Array, BackgroundRule, Floats
 from upvl_cli.vlm.mini_text import MiniText
 
 if TYPE_CHECKING:

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 
 from upvl_cli.errors import BadInput, BadSetting, one_line
-from upvl_cli.parallel import threads
-from upvl_cli.types import Array, Floats
-from upvl_cli.vlm.base import BackgroundRule
+from upvl_cli.runtime.parallel import threads
+from upvl_cli.types import Array, BackgroundRule, Floats
 from upvl_cli.vlm.checkpoint import read_json
 from upvl_cli.vlm.mini_text import unit
 

@@ -17,9 +17,8 @@ from typing import Any
 import numpy as np
 
 from upvl_cli.errors import BadInput, BadSetting, one_line
-from upvl_cli.types import Array, Floats
+from upvl_cli.types import Array, BackgroundRule, Floats
 from upvl_cli.vlm import checkpoint
-from upvl_cli.vlm.base import BackgroundRule
 from upvl_cli.vlm.clip import NEUTRAL
 from upvl_cli.vlm.clip_text import ClipText
 

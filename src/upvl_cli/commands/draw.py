@@ -1,0 +1,101 @@
+"""Gathers what a picture of one frame needs from the shards, and draws it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from upvl_cli.drawing.birds_eye import View, birds_eye
+from upvl_cli.drawing.camera_view import camera_view
+from upvl_cli.errors import BadSetting
+from upvl_cli.geometry.se3 import apply, inverse
+from upvl_cli.pipeline.stage import Row
+from upvl_cli.pipeline.tables import Table
+from upvl_cli.pipeline.workspace import Workspace
+from upvl_cli.runtime.atomic import atomic_file
+from upvl_cli.stages.rows import AmodalRow, GroundRow, MaskRow, OdometryRow
+from upvl_cli.types import Array
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+R = TypeVar("R", bound=Row)
+VIEW = View(x_min_m=-25.0, x_max_m=55.0, y_min_m=-30.0, y_max_m=30.0)
+TAIL_FRAMES = 20
+
+
+def draw_frame(workspace: Workspace, segment: str, frame: int | None) -> Iterator[Path]:
+    """Draw one labelled frame from above and on each camera's picture; yields the files.
+
+    Args:
+        workspace: Where.
+        segment: Which drive.
+        frame: Index of the frame; None takes the middle one.
+
+    Raises:
+        BadSetting: The drive has no such frame.
+        NotMade: The drive has not been labelled.
+    """
+    labels = workspace.table("nms", AmodalRow, segment)
+    frame = chosen_frame(labels, segment, frame)
+    stem = workspace.out / "draw" / f"{segment}-{frame:06d}"
+    yield save(_from_above(workspace, segment, frame, labels), stem.with_name(f"{stem.name}-above.png"))
+    drive = workspace.drive(segment)
+    for camera in drive.cameras:
+        image = drive.image(frame, camera.name)
+        if image is not None:
+            picture = camera_view(image.rgb, camera, labels[frame].tracked_boxes)
+            yield save(picture, stem.with_name(f"{stem.name}-{camera.name}.png"))
+
+
+def chosen_frame(table: Table[R], segment: str, frame: int | None) -> int:
+    """The frame that was asked for, or the middle one.
+
+    Raises:
+        BadSetting: The drive has no such frame.
+    """
+    if frame is None and len(table):
+        frame = table.frames[len(table) // 2]
+    if frame is None or frame not in table.frames:
+        span = f"{table.frames[0]} to {table.frames[-1]}" if len(table) else "no frame at all"
+        raise BadSetting(f"{segment} has no frame {frame}: it has {span}")
+    return frame
+
+
+def _from_above(workspace: Workspace, segment: str, frame: int, labels: Table[AmodalRow]) -> Image:
+    ground = workspace.table("ground", GroundRow, segment)[frame]
+    mask = workspace.table("mask", MaskRow, segment)[frame]
+    candidate = mask.is_moving & (mask.background != 1) & ~ground.is_ground
+    state = np.where(candidate, 2, np.where(ground.is_ground, 0, 1))
+    return birds_eye(
+        VIEW,
+        workspace.drive(segment).points(frame).xyz_ego_m,
+        state,
+        labels[frame].tracked_boxes,
+        _tails(labels, workspace.table("odometry", OdometryRow, segment), frame),
+        f"{segment}  frame {frame}  {len(labels[frame].track_id)} boxes",
+    )
+
+
+def _tails(labels: Table[AmodalRow], poses: Table[OdometryRow], frame: int) -> dict[int, Array]:
+    """Where the tracks of a frame were in the frames before, in its ego axes."""
+    past = [index for index in labels.frames if index <= frame][-TAIL_FRAMES:]
+    ego_from_world = inverse(poses[frame].world_from_ego)
+    tails: dict[int, list[Any]] = {int(track_id): [] for track_id in labels[frame].track_id}
+    for index in past:
+        row = labels[index]
+        centres = apply(ego_from_world @ poses[index].world_from_ego, row.center_m)
+        for track_id, centre in zip(row.track_id, centres, strict=True):
+            if int(track_id) in tails:
+                tails[int(track_id)].append(centre[:2])
+    return {track_id: np.array(tail) for track_id, tail in tails.items()}
+
+
+def save(image: Image, path: Path) -> Path:
+    """Write a picture as PNG; returns its path."""
+    with atomic_file(path) as file:
+        image.save(file, format="PNG")
+    return path

@@ -1,0 +1,84 @@
+"""Which shards are fresh, stale or missing, and what they hold."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from upvl_cli.pipeline.pipeline import AnyStage
+from upvl_cli.pipeline.runner import state
+from upvl_cli.pipeline.stage import WHOLE_DATASET
+from upvl_cli.pipeline.tables import read_footer
+from upvl_cli.pipeline.workspace import Workspace
+
+
+@dataclass(frozen=True)
+class StageStatus:
+    """The shards of one stage over all segments."""
+
+    stage: str
+    fresh: int
+    stale: int
+    missing: int
+    rows: int
+    size_bytes: int
+    seconds: float
+    reason: str
+
+
+def status(workspace: Workspace) -> list[StageStatus]:
+    """One line for each stage, in order; a shard below one that is not fresh is not fresh either."""
+    states = {segment: dict(_states(workspace, segment)) for segment in workspace.segments}
+    seconds = _seconds(workspace)
+    return [_of_stage(workspace, stage, states, seconds) for stage in workspace.pipeline.stages]
+
+
+def _states(workspace: Workspace, segment: str) -> Iterator[tuple[str, tuple[str, str]]]:
+    seen: dict[str, str] = {}
+    for stage in workspace.pipeline.stages:
+        condition, reason = state(workspace, stage, WHOLE_DATASET if stage.is_of_dataset else segment)
+        above = [name for name in stage.reads if seen.get(name, "fresh") != "fresh"]
+        if condition == "fresh" and above:
+            condition, reason = "stale", f"{above[0]} is {seen[above[0]]}"
+        seen[stage.name] = condition
+        yield stage.name, (condition, reason)
+
+
+def _of_stage(
+    workspace: Workspace,
+    stage: AnyStage,
+    states: dict[str, dict[str, tuple[str, str]]],
+    seconds: dict[tuple[str, str], float],
+) -> StageStatus:
+    of_segment = {segment: all_states[stage.name] for segment, all_states in states.items()}
+    if stage.is_of_dataset:
+        of_segment = {WHOLE_DATASET: next(iter(of_segment.values()))}
+    conditions = [condition for condition, _ in of_segment.values()]
+    paths = [workspace.shard(stage.name, segment) for segment in of_segment]
+    footers = [footer for footer in map(read_footer, paths) if footer]
+    return StageStatus(
+        stage=stage.name,
+        fresh=conditions.count("fresh"),
+        stale=conditions.count("stale"),
+        missing=conditions.count("missing"),
+        rows=sum(footer.rows for footer in footers),
+        size_bytes=sum(path.stat().st_size for path in paths if path.exists()),
+        seconds=sum(seconds.get((stage.name, segment), 0.0) for segment in of_segment),
+        reason=next((reason for condition, reason in of_segment.values() if condition == "stale"), ""),
+    )
+
+
+def _seconds(workspace: Workspace) -> dict[tuple[str, str], float]:
+    """How long each shard took when it was last made; lines that a kill cut short are passed over."""
+    try:
+        lines = (workspace.out / "runs.jsonl").read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        return {}
+    seconds: dict[tuple[str, str], float] = {}
+    for line in lines:
+        with contextlib.suppress(ValueError, KeyError, TypeError, RecursionError):
+            run = json.loads(line)
+            seconds[str(run["stage"]), str(run["segment"])] = float(run["seconds"])
+    return seconds

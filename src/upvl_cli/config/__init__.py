@@ -1,0 +1,1 @@
+"""Declared settings and the TOML files that hold their values."""

@@ -1,0 +1,75 @@
+"""The human (or exact) labels of each dataset. Only evaluation may import this: no stage can reach a label.
+
+Another package adds labels by entry points in the groups `upvl.labels` and `upvl.true_flow`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from upvl_cli.datasets.labels import LabelSource
+from upvl_cli.errors import BadInput
+
+if TYPE_CHECKING:
+    from upvl_cli.datasets.flow_truth import FlowTruth
+
+
+class FlowSource(Protocol):
+    """True motion of LiDAR points."""
+
+    def flow(self, segment: str, frame: int) -> FlowTruth:
+        """Return the motion of each point of a sweep, in the order of its points."""
+
+
+def _kitti(root: Path, dataset: Any) -> LabelSource:
+    from upvl_cli.datasets.kitti.labels import KittiLabels
+
+    return KittiLabels(root)
+
+
+def _city(root: Path, dataset: Any) -> LabelSource:
+    from upvl_cli.synthetic.labels import CityLabels
+
+    return CityLabels(dataset)
+
+
+def _city_flow(root: Path, dataset: Any) -> FlowSource:
+    from upvl_cli.synthetic.labels import CityFlow
+
+    return CityFlow(dataset)
+
+
+# Of the folder that raw.toml names and the opened dataset.
+LABELS: dict[str, Callable[[Path, Any], LabelSource]] = {"kitti": _kitti, "synthetic": _city}
+TRUE_FLOW: dict[str, Callable[[Path, Any], FlowSource]] = {"synthetic": _city_flow}
+
+
+def label_source(name: str, root: Path, dataset: Any) -> LabelSource:
+    """Return the labels of a dataset.
+
+    Raises:
+        BadInput: The dataset has no adapter for labels.
+    """
+    opener = LABELS.get(name) or _added("upvl.labels", name)
+    if opener is None:
+        raise BadInput(
+            f"dataset {name!r} has no labels that upvl can read: there is nothing to score against"
+        )
+    source: LabelSource = opener(root, dataset)
+    return source
+
+
+def flow_source(name: str, root: Path, dataset: Any) -> FlowSource | None:
+    """Return the true flow of a dataset; None where nobody knows it."""
+    opener = TRUE_FLOW.get(name) or _added("upvl.true_flow", name)
+    return opener(root, dataset) if opener else None
+
+
+def _added(group: str, name: str) -> Callable[[Path, Any], Any] | None:
+    """Return what an installed package adds under a name."""
+    found = [entry for entry in entry_points(group=group) if entry.name == name]
+    opener: Callable[[Path, Any], Any] | None = found[0].load() if found else None
+    return opener

@@ -1,0 +1,1 @@
+"""One size for each tracked object (MI-UP, section 4.3)."""

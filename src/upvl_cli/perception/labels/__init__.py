@@ -1,0 +1,1 @@
+"""Scores, names and features of labels."""

@@ -1,0 +1,1 @@
+"""Boxes of single sweeps (UP-VL, Algorithm 1, line 6)."""

@@ -1,0 +1,63 @@
+"""What a drive's files hold, as one digest; read again only where a file has been touched."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from upvl_cli.errors import BadInput
+
+
+@dataclass(frozen=True)
+class Fingerprint:
+    """A digest of the content, and what it was seen from: JSON with the state of the files on this disk."""
+
+    digest: str
+    seen: str
+
+
+def fingerprint(files: Sequence[Path], seen_path: Path) -> Fingerprint:
+    """Digest the content of files, or find by their state on disk that it is the one digested before.
+
+    The state has the times of change that the system itself keeps, so a file that was written and given
+    its old date again is noticed; the digest has none, so a drive that was copied is the same drive.
+
+    Args:
+        files: The files of a drive.
+        seen_path: Where what was seen before is kept.
+
+    Raises:
+        BadInput: A file is gone or cannot be read.
+    """
+    try:
+        state = hashlib.sha256(repr([_state(path) for path in files]).encode("utf-8", "replace")).hexdigest()
+        digest = _remembered(seen_path, state) or _digest(files)
+    except OSError as error:
+        raise BadInput(f"{error.filename} cannot be read: {error.strerror}; was the drive moved?") from error
+    return Fingerprint(digest, json.dumps({"state": state, "digest": digest}, sort_keys=True))
+
+
+def _state(path: Path) -> tuple[str, int, int, int]:
+    found = path.stat()
+    return os.path.abspath(path), found.st_size, found.st_mtime_ns, found.st_ctime_ns
+
+
+def _remembered(seen_path: Path, state: str) -> str:
+    try:
+        seen = json.loads(seen_path.read_bytes())
+        return str(seen["digest"]) if seen["state"] == state else ""
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return ""
+
+
+def _digest(files: Sequence[Path]) -> str:
+    digest = hashlib.sha256()
+    for path in files:
+        with path.open("rb") as file:
+            digest.update(hashlib.file_digest(file, "sha256").digest())
+        digest.update(path.name.encode("utf-8", "surrogateescape"))
+    return digest.hexdigest()

@@ -1,0 +1,72 @@
+"""The rules that make follows, from the declarations of the stages."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from upvl_cli.pipeline.pipeline import AnyStage, Pipeline
+from upvl_cli.pipeline.stage import WHOLE_DATASET
+from upvl_cli.pipeline.workspace import Workspace
+from upvl_cli.runtime.atomic import write_if_changed
+
+
+def write_rules(workspace: Workspace) -> Path:
+    """Write the marks that make compares and the rules that it follows; returns the rules' path.
+
+    A mark is rewritten only where it would differ, so a comment or a touch remakes nothing.
+    """
+    for segment in workspace.segments:
+        workspace.mark_raw(segment)
+    workspace.mark_model()
+    pipeline = workspace.pipeline
+    for stage in pipeline.stages:
+        write_if_changed(workspace.out / f"{stage.name}.stamp", workspace.stage_stamp(stage))
+    path = workspace.out / "rules.mk"
+    drives = {stage.name: workspace.drives_of(stage) for stage in pipeline.stages if stage.is_of_dataset}
+    write_if_changed(path, rules(pipeline, workspace.segments, drives))
+    return path
+
+
+def rules(pipeline: Pipeline, segments: Sequence[str], drives: Mapping[str, Sequence[str]]) -> str:
+    """The rules: one for each stage, over all segments.
+
+    Args:
+        pipeline: The stages, in order.
+        segments: Names that are safe as words of make.
+        drives: What each stage that is made once is made from.
+    """
+    lines = ["# Made by: upvl plan", f"SEGMENTS := {' '.join(segments)}", ""]
+    for stage in pipeline.stages:
+        lines += [f".PHONY: {stage.name}", *_rule(stage, drives), ""]
+    # Shards of middle stages are what a resumed run starts from: make must delete none, nor any on Ctrl-C.
+    shards = " ".join(f"$(OUT)/{stage.name}/%.parquet" for stage in pipeline.stages)
+    labelling = " ".join(stage.name for stage in pipeline.labelling_stages)
+    lines += [".PHONY: autolabel", f"autolabel: {labelling}", ".SECONDARY:", f".PRECIOUS: {shards}", ""]
+    return "\n".join(lines)
+
+
+def _rule(stage: AnyStage, drives: Mapping[str, Sequence[str]]) -> list[str]:
+    """The rule of one stage; `drives` are those of each stage that is made once."""
+
+    def source(name: str) -> str:
+        if name == "vlm":
+            return "$(OUT)/vlm.stamp"
+        if name in drives:
+            return f"$(OUT)/{name}/{WHOLE_DATASET}.parquet"
+        of_drive = f"$(OUT)/{name}/%.{'stamp' if name == 'raw' else 'parquet'}"
+        return (
+            " ".join(of_drive.replace("%", drive) for drive in drives[stage.name])
+            if stage.is_of_dataset
+            else of_drive
+        )
+
+    made_from = " ".join([f"$(OUT)/{stage.name}.stamp", *map(source, stage.reads)])
+    if stage.is_of_dataset:
+        shard = f"$(OUT)/{stage.name}/{WHOLE_DATASET}.parquet"
+        return [f"{stage.name}: {shard}", f"{shard}: {made_from}", f"\t@$(UPVL) {stage.name}"]
+    return [
+        f"{stage.name}: $(SEGMENTS:%=$(OUT)/{stage.name}/%.parquet)",
+        f"$(OUT)/{stage.name}/%.parquet: {made_from}",
+        f"\t@$(UPVL) {stage.name} --segment $*",
+    ]

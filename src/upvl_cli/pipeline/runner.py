@@ -1,0 +1,323 @@
+"""Runs stages on segments: opens declared inputs, calls, checks, writes, stamps; skips what is fresh."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import resource
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from functools import partial
+from itertools import groupby
+from pathlib import Path
+
+from upvl_cli.config.base import Config
+from upvl_cli.errors import BadSetting, NotMade, UpvlError
+from upvl_cli.pipeline.inputs import ShardInputs
+from upvl_cli.pipeline.pipeline import AnyStage, Pipeline
+from upvl_cli.pipeline.provenance import difference, is_of_settings
+from upvl_cli.pipeline.stage import NOT_MADE, WHOLE_DATASET, Row
+from upvl_cli.pipeline.tables import read_footer, write
+from upvl_cli.pipeline.workspace import Workspace
+from upvl_cli.runtime.atomic import write_if_changed
+from upvl_cli.runtime.parallel import THREADS_VARIABLE, prepare_worker, threads
+
+Tick = Callable[[], None]
+
+
+@dataclass(frozen=True)
+class Made:
+    """What became of one shard."""
+
+    stage: str
+    segment: str
+    fresh: bool
+    rows: int
+    counts: Mapping[str, int]
+    seconds: float
+    peak_mib: float
+
+
+def state(
+    workspace: Workspace, stage: AnyStage, segment: str, settings: Config | None = None
+) -> tuple[str, str]:
+    """Whether a shard is `fresh`, `stale` or `missing`, and why; trusts that its inputs are fresh.
+
+    Args:
+        workspace: Where.
+        stage: Whose shard.
+        segment: Of which drive.
+        settings: The values it should have been made with; None takes those of the TOML file.
+    """
+    path = workspace.shard(stage.name, segment)
+    footer = read_footer(path)
+    if footer is None:
+        return "missing", "not a whole shard" if path.exists() else "not made"
+    stamp = workspace.shard_stamp(stage, segment, settings)
+    if footer.stamp == stamp:
+        return "fresh", ""
+    return "stale", difference(footer.stamp, stamp) or "its stamp is damaged"
+
+
+def claim_folder(workspace: Workspace, stage: AnyStage, overrides: Mapping[str, object]) -> Config:
+    """The settings to run a stage with; the output folder is marked as holding them.
+
+    Raises:
+        BadSetting: The command line asks for other values than the folder holds.
+    """
+    settings: Config = workspace.with_values(stage, overrides)
+    mark = workspace.out / f"{stage.name}.stamp"
+    stamp = workspace.stage_stamp(stage, settings)
+    held = mark.read_text(encoding="utf-8", errors="replace") if mark.is_file() else stamp
+    if settings != workspace.settings(stage) and held != stamp:
+        changes = difference(held, stamp)
+        raise BadSetting(
+            f"{workspace.out} holds {stage.name} with other values ({changes}); edit "
+            f"{workspace.stages / stage.name}.toml to change them for good, or try them beside: "
+            f"cp -r {workspace.stages} stages2, edit, then: upvl --stages stages2 --out out2 autolabel --moving-only"
+        )
+    write_if_changed(mark, stamp)
+    return settings
+
+
+def make_shard(workspace: Workspace, stage: AnyStage, segment: str, settings: Config, tick: Tick) -> Made:
+    """Make one shard, or find it fresh.
+
+    Args:
+        workspace: Where.
+        stage: What to make.
+        segment: Of which drive.
+        settings: The values to make it with.
+        tick: Called after each frame.
+
+    Raises:
+        NotMade: An input is missing or was made with other settings.
+    """
+    _mark_given(workspace, stage, segment, settings)
+    _check_inputs(workspace, stage, segment, settings)
+    path = workspace.shard(stage.name, segment)
+
+    def is_stale() -> bool:
+        return state(workspace, stage, segment, settings)[0] != "fresh"
+
+    if not is_stale():
+        return _fresh(workspace, stage, segment)
+    started = time.perf_counter()
+    inputs = ShardInputs(workspace, stage, segment, settings, tick)
+    if os.environ.get("RANK", "0") != "0":
+        return _helped(stage, inputs, settings)
+    rows = write(
+        path,
+        stage.row,
+        _checked(stage.run(inputs, settings), segment, tick),
+        stamp=workspace.shard_stamp(stage, segment, settings),
+        counts=inputs.counts,
+        needed=is_stale,
+    )
+    if rows is None:  # another process has made it while this one waited
+        return _fresh(workspace, stage, segment)
+    _not_older(path, workspace, stage, segment)
+    for path_of_no_use in inputs.temporary:
+        path_of_no_use.unlink(missing_ok=True)
+    # The process's peak so far: alone in its process, the stage's own. macOS counts bytes, others kibibytes.
+    unit = 2**20 if sys.platform == "darwin" else 2**10
+    peak_mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
+    made = Made(
+        stage.name, segment, False, rows, dict(inputs.counts), time.perf_counter() - started, peak_mib
+    )
+    _log(workspace, made)
+    return made
+
+
+def _helped(stage: AnyStage, inputs: ShardInputs, settings: Config) -> Made:
+    """Do the part of a process that `torchrun` started beside the first one, which alone writes.
+
+    Raises:
+        BadSetting: The stage is no work for several processes.
+    """
+    if not stage.distributed:
+        raise BadSetting(f"{stage.name} cannot be run by torchrun; run: upvl {stage.name}")
+    rows = sum(1 for _ in stage.run(inputs, settings))
+    return Made(stage.name, inputs.segment, True, rows, {}, 0.0, 0.0)
+
+
+def _fresh(workspace: Workspace, stage: AnyStage, segment: str) -> Made:
+    path = workspace.shard(stage.name, segment)
+    _not_older(path, workspace, stage, segment)
+    footer = read_footer(path)
+    rows, counts = (footer.rows, footer.counts) if footer else (0, {})
+    return Made(stage.name, segment, True, rows, counts, 0.0, 0.0)
+
+
+def _not_older(path: Path, workspace: Workspace, stage: AnyStage, segment: str) -> None:
+    """Give a fresh shard a time that make, which knows times only, takes for fresh, whatever the clocks say."""
+    sources = [source for _, source in workspace.sources(stage, segment)]
+    sources.append(workspace.out / f"{stage.name}.stamp")
+    newest_ns = max(source.stat().st_mtime_ns for source in sources if source.exists())
+    if path.stat().st_mtime_ns < newest_ns:
+        os.utime(path, ns=(newest_ns, newest_ns))
+
+
+def _checked(rows: Iterator[Row], segment: str, tick: Tick) -> Iterator[Row]:
+    """The rows as they come, each checked to be of the segment and after the one before."""
+    last = -1
+    for row in rows:
+        if row.segment != segment or row.frame <= last:
+            raise ValueError(f"row ({row.segment}, {row.frame}) after frame {last} of {segment}")
+        last = row.frame
+        yield row
+        tick()
+
+
+def _mark_given(workspace: Workspace, stage: AnyStage, segment: str, settings: Config | None) -> None:
+    """Write the marks of what no stage makes."""
+    if "vlm" in stage.reads:
+        workspace.mark_model()
+    for drive in workspace.drives_of(stage, settings) if stage.is_of_dataset else (segment,):
+        try:
+            workspace.mark_raw(drive)
+        except UpvlError:
+            if not stage.is_of_dataset:  # what is made of all drives is made of those that can be read
+                raise
+
+
+def _check_inputs(workspace: Workspace, stage: AnyStage, segment: str, settings: Config | None) -> None:
+    for source, path in workspace.sources(stage, segment, settings):
+        name, _, drive = source.partition("/")
+        if name in NOT_MADE:
+            continue
+        maker = workspace.pipeline.by_name[name]
+        condition, reason = state(
+            workspace, maker, WHOLE_DATASET if maker.is_of_dataset else drive or segment
+        )
+        if condition != "fresh":
+            # Options of a command hold for that run alone: who gave some may want to keep what they made.
+            keep = "; to keep it, write the values left of -> in stages" if is_of_settings(reason) else ""
+            raise NotMade(
+                f"{stage.name} needs {path}, which is {condition} ({reason}); "
+                f"run: upvl {name}, or: make {stage.name}{keep}"
+            )
+
+
+def _log(workspace: Workspace, made: Made) -> None:
+    """Keep how long a shard took, outside the shard: no clock in files that must be the same twice."""
+    line = json.dumps(
+        {
+            "stage": made.stage,
+            "segment": made.segment,
+            "rows": made.rows,
+            "seconds": round(made.seconds, 3),
+            "peak_mib": round(made.peak_mib),
+        }
+    )
+    try:
+        with (workspace.out / "runs.jsonl").open("a", encoding="utf-8") as file:
+            file.write(line + "\n")
+    except OSError as error:
+        raise UpvlError(f"cannot write {workspace.out / 'runs.jsonl'}: {error.strerror}") from error
+
+
+def run_all(
+    workspace: Workspace,
+    stages: Sequence[AnyStage],
+    segments: Sequence[str],
+    *,
+    overrides: Mapping[str, object],
+    workers: int,
+    tick: Tick,
+) -> Iterator[Made]:
+    """Run stages, in order, on each segment; yields as shards are made.
+
+    Args:
+        workspace: Where.
+        stages: What to run, each after those it reads.
+        segments: Which drives.
+        overrides: Values of the command line, for a single stage.
+        workers: Processes to run segments in; 1 stays in this one.
+        tick: Called after each frame, in this process only.
+    """
+    settings = {stage.name: claim_folder(workspace, stage, overrides) for stage in stages}
+    failures: dict[str, UpvlError] = {}
+    for is_of_dataset, group in groupby(stages, key=lambda stage: stage.is_of_dataset):
+        same_scope = list(group)
+        left = (
+            [WHOLE_DATASET] if is_of_dataset else [segment for segment in segments if segment not in failures]
+        )
+        if is_of_dataset:
+            for stage in same_scope:
+                yield make_shard(workspace, stage, WHOLE_DATASET, settings[stage.name], tick)
+        elif workers == 1 or len(left) == 1:
+            for segment in left:
+                try:
+                    for stage in same_scope:
+                        yield make_shard(workspace, stage, segment, settings[stage.name], tick)
+                except UpvlError as error:
+                    failures[segment] = error
+        elif left:
+            yield from _in_processes(workspace, same_scope, left, settings, min(workers, len(left)), failures)
+    _raise_failures(failures, len(segments))
+
+
+def _raise_failures(failures: Mapping[str, UpvlError], segments: int) -> None:
+    """One drive that cannot be read does not keep the others from being labelled; then it is told."""
+    if segments == 1 and failures:
+        raise next(iter(failures.values()))
+    if failures:
+        told = "; ".join(f"{segment}: {error}" for segment, error in sorted(failures.items()))
+        raise UpvlError(f"{len(failures)} of {segments} drives failed, the others are done. {told}")
+
+
+def _in_processes(
+    workspace: Workspace,
+    stages: Sequence[AnyStage],
+    segments: Sequence[str],
+    settings: Mapping[str, Config],
+    workers: int,
+    failures: dict[str, UpvlError],
+) -> Iterator[Made]:
+    names = [stage.name for stage in stages]
+    cores = max(1, threads() // workers)
+    place = (workspace.pipeline, workspace.stages, workspace.out, workspace.preset)
+    job = partial(_run_segment, place, names, dict(settings), cores)
+    # Spawned, not forked: threads of numerical libraries do not survive a fork.
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, spawn, prepare_worker, (os.getpid(),)) as pool:
+        try:
+            segment_of = {pool.submit(job, segment): segment for segment in segments}
+            for done in as_completed(segment_of):
+                try:
+                    yield from done.result()
+                except UpvlError as error:
+                    failures[segment_of[done]] = error
+        except (BrokenProcessPool, SystemExit) as error:
+            raise UpvlError(
+                "a worker process was killed, perhaps for want of memory; what was finished is kept: run again "
+                "with fewer --workers"
+            ) from error
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for worker in multiprocessing.active_children():
+                worker.terminate()
+            raise
+
+
+def _run_segment(
+    place: tuple[Pipeline, Path, Path, str],
+    names: list[str],
+    settings: dict[str, Config],
+    cores: int,
+    segment: str,
+) -> list[Made]:
+    os.environ[THREADS_VARIABLE] = str(cores)
+    workspace = Workspace(*place)
+    by_name = workspace.pipeline.by_name
+    return [make_shard(workspace, by_name[name], segment, settings[name], _no_tick) for name in names]
+
+
+def _no_tick() -> None:
+    """The progress of a worker process is counted by shards, in the parent."""

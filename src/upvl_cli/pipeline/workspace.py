@@ -1,0 +1,338 @@
+"""A workspace: `stages/*.toml` with every value, and `out/` with every shard."""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import os
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from upvl_cli.config.base import Config, setting
+from upvl_cli.config.toml import load, merge, read_toml
+from upvl_cli.errors import BadInput, BadSetting
+from upvl_cli.pipeline.fingerprint import Fingerprint, fingerprint
+from upvl_cli.pipeline.pipeline import AnyStage, Pipeline
+from upvl_cli.pipeline.provenance import text_of
+from upvl_cli.pipeline.stage import NOT_MADE, WHOLE_DATASET, C, R, Stage
+from upvl_cli.runtime.atomic import write_if_changed
+
+if TYPE_CHECKING:
+    from upvl_cli.pipeline.tables import Table
+    from upvl_cli.types import Dataset, Drive, Model
+
+# A segment becomes a file name and a word in make's rules: nothing that either could misread.
+SAFE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]*")
+
+
+@dataclass(frozen=True)
+class RawConfig(Config):
+    """Which drives: the settings in `stages/raw.toml`."""
+
+    dataset: str = setting("name of the dataset adapter: how the drives are stored")
+    root: str = setting("folder of the drives, seen from where upvl is run; the dataset synthetic has none")
+    segments: tuple[str, ...] = setting("names of the drives to process; an empty list takes all of them")
+
+
+@dataclass(frozen=True)
+class VlmConfig(Config):
+    """Which vision-language model: the settings in `stages/vlm.toml`."""
+
+    model: str = setting("the model, with a colon before its weights where it needs some: clip:/models/b16")
+
+
+_AND = "+"  # between the names of presets
+
+
+class Workspace:
+    """Where a run finds its settings and keeps its shards."""
+
+    def __init__(self, pipeline: Pipeline, stages: Path, out: Path, preset: str | None = None) -> None:
+        """Name the two folders.
+
+        Args:
+            pipeline: The stages, datasets and models that the workspace can name.
+            stages: Folder of the TOML files.
+            out: Folder of the shards; made when the first is written.
+            preset: Folder of `stages/presets` whose values stand over those of the TOML files; several are joined
+                by +, the later over the earlier; "" for none, and None for what the shards in `out` were last
+                made with.
+        """
+        self.pipeline = pipeline
+        self.stages = stages
+        self.out = out
+        self.preset = _preset_of(out) if preset is None else preset
+        self._settings: dict[str, Any] = {}
+        self._drives: dict[str, Drive] = {}
+        self._fingerprints: dict[str, Fingerprint] = {}
+
+    @cached_property
+    def raw(self) -> RawConfig:
+        """The settings of `raw.toml`."""
+        return load(RawConfig, self.stages / "raw.toml")
+
+    @cached_property
+    def dataset(self) -> Dataset:
+        """The dataset that `raw.toml` names."""
+        adapter = self.pipeline.dataset(self.raw.dataset)
+        own = adapter.config and load(adapter.config, self.dataset_file)
+        return adapter.open(Path(self.raw.root).expanduser(), own)
+
+    @property
+    def dataset_file(self) -> Path:
+        """Where the dataset has settings of its own: that file; else `raw.toml`."""
+        has_own = self.pipeline.dataset(self.raw.dataset).config is not None
+        return self.stages / f"{self.raw.dataset if has_own else 'raw'}.toml"
+
+    @cached_property
+    def segments(self) -> tuple[str, ...]:
+        """The segments to work on, in the order of their names.
+
+        Raises:
+            BadSetting: `raw.toml` names a segment that the dataset does not have.
+            BadInput: A segment's name could not be a file name, or there is none at all.
+        """
+        known = self.dataset.segments
+        for name in self.raw.segments:
+            self.check_name(name, known)
+        chosen = tuple(dict.fromkeys(self.raw.segments)) or known
+        if not chosen:
+            raise BadInput(
+                f"no drive of dataset {self.raw.dataset!r} under {self.raw.root!r}; see stages/{self.dataset_file.name}"
+            )
+        for name in chosen:
+            if not SAFE_NAME.fullmatch(name):
+                raise BadInput(
+                    f"segment {name!r}: only letters, digits, '.', '_' and '-' can be used; rename it"
+                )
+        return chosen
+
+    def check_name(self, name: str, known: tuple[str, ...]) -> None:
+        """Refuse a segment that is not among the known ones."""
+        if name not in known:
+            close = difflib.get_close_matches(name, known, n=1)
+            hint = f"; did you mean {close[0]!r}?" if close else ""
+            few = f" (known: {', '.join(known[:5])}{', ...' if len(known) > 5 else ''})"
+            raise BadSetting(f"unknown segment {name!r}{hint}{few}; see: upvl segments")
+
+    def drive(self, segment: str) -> Drive:
+        """The opened drive; only the last one is kept open."""
+        if segment not in self._drives:
+            self.check_name(segment, self.segments)
+            self._drives = {segment: self.dataset.open(segment)}
+        return self._drives[segment]
+
+    def settings(self, stage: Stage[C, Any]) -> C:
+        """The values of a stage, as its TOML file gives them."""
+        if stage.name not in self._settings:
+            self._settings[stage.name] = self.with_values(stage, {})
+        found: C = self._settings[stage.name]
+        return found
+
+    def with_values(self, stage: Stage[C, Any], overrides: Mapping[str, object]) -> C:
+        """The values of a stage, with those of the preset over the TOML file's, and others over both."""
+        path = self.stages / f"{stage.name}.toml"
+        differing = preset_values(self.stages, self.preset, stage.name) if self.preset else {}
+        if not differing:
+            return load(stage.config, path, overrides)
+        load(stage.config, path)  # each file is blamed for its own faults
+        try:
+            return load(stage.config, path, merge(differing, overrides))
+        except BadSetting as error:
+            last = next(part for part in reversed(self.presets) if self.preset_file(part, stage))
+            blamed = self.preset_file(last, stage)
+            raise BadSetting(str(error).replace(f"{path}: ", f"{blamed}: ", 1)) from None
+
+    @property
+    def presets(self) -> list[str]:
+        """The names of the presets, the later over the earlier."""
+        return self.preset.split(_AND) if self.preset else []
+
+    def preset_file(self, preset: str, stage: AnyStage) -> Path | None:
+        """The file with the values of a stage that a preset gives; None where it gives none."""
+        path = self.stages / "presets" / preset / f"{stage.name}.toml"
+        return path if os.path.lexists(path) else None
+
+    @cached_property
+    def vlm(self) -> VlmConfig:
+        """The settings of `vlm.toml`."""
+        return load(VlmConfig, self.stages / "vlm.toml")
+
+    @cached_property
+    def model(self) -> Model:
+        """The vision-language model that `vlm.toml` names; no network is loaded yet."""
+        adapter, weights = self.pipeline.model(self.vlm.model)
+        return adapter.open(weights)
+
+    def shard(self, stage: str, segment: str) -> Path:
+        """Where a shard stands; `raw` stands for the mark of the drive's own files."""
+        return self.out / stage / (f"{segment}.stamp" if stage == "raw" else f"{segment}.parquet")
+
+    def table(self, stage: str, row: type[R], segment: str = WHOLE_DATASET) -> Table[R]:
+        """Return the rows of a shard, fresh or not.
+
+        Args:
+            stage: Name of the stage.
+            row: The row that it declares.
+            segment: Name of the drive; left out for a stage that is made once for the whole dataset.
+
+        Raises:
+            NotMade: The shard is missing or damaged.
+        """
+        from upvl_cli.pipeline.tables import Table
+
+        return Table(self.shard(stage, segment), row)
+
+    def stage_stamp(self, stage: AnyStage, settings: Config | None = None) -> str:
+        """What makes the shards of a stage, other than the drives: its settings and those before it."""
+        return text_of(self._makers(stage, settings))
+
+    def shard_stamp(self, stage: AnyStage, segment: str, settings: Config | None = None) -> str:
+        """What makes one shard: as `stage_stamp`, with the content of the drive and of the shards it reads."""
+        from upvl_cli.pipeline.tables import footer_digest
+
+        sources = self.sources(stage, segment, settings)
+        made_from = {
+            name: footer_digest(path) for name, path in sources if name.partition("/")[0] not in NOT_MADE
+        }
+        content = (
+            self._digests_of(self.drives_of(stage, settings))
+            if stage.is_of_dataset
+            else self._fingerprint(segment).digest
+        )
+        raw = {"raw": self._adapter() | {"content": content}}
+        return text_of(self._makers(stage, settings) | raw | {"inputs": made_from})
+
+    def drives_of(self, stage: AnyStage, settings: Config | None = None) -> tuple[str, ...]:
+        """The drives that the one shard of a stage of the whole dataset is made from."""
+        values = self.settings(stage) if settings is None else settings
+        globs = getattr(values, "drives", ("*",))
+        return tuple(name for name in self.segments if any(fnmatchcase(name, glob) for glob in globs))
+
+    def sources(
+        self, stage: AnyStage, segment: str, settings: Config | None = None
+    ) -> list[tuple[str, Path]]:
+        """What a shard is made from: the name of each input, with its drive's where there are several, and its path."""
+        found: list[tuple[str, Path]] = []
+        for name in stage.reads:
+            if name == "vlm":
+                found.append((name, self.out / "vlm.stamp"))
+            elif name != "raw" and self.pipeline.by_name[name].is_of_dataset:
+                found.append((name, self.shard(name, WHOLE_DATASET)))
+            elif stage.is_of_dataset:
+                found += [
+                    (f"{name}/{drive}", self.shard(name, drive)) for drive in self.drives_of(stage, settings)
+                ]
+            else:
+                found.append((name, self.shard(name, segment)))
+        return found
+
+    def _makers(self, stage: AnyStage, settings: Config | None) -> dict[str, Any]:
+        values = self.settings(stage) if settings is None else settings
+        makers: dict[str, Any] = {stage.name: {"version": stage.version, "values": values.values()}}
+        for name in stage.reads:
+            above = (
+                {name: self._given(name)}
+                if name in NOT_MADE
+                else self._makers(self.pipeline.by_name[name], None)
+            )
+            makers = above | makers
+        return makers
+
+    def _given(self, name: str) -> dict[str, Any]:
+        return self._adapter() if name == "raw" else self.model_stamp
+
+    def _adapter(self) -> dict[str, Any]:
+        adapter: dict[str, Any] = {"dataset": self.raw.dataset, "version": self.dataset.version}
+        own = dict(self.dataset.fingerprint_values)
+        return adapter | ({"values": own} if own else {})
+
+    @cached_property
+    def model_stamp(self) -> dict[str, Any]:
+        """The vision-language model as stamps have it."""
+        adapter, weights = self.pipeline.model(self.vlm.model)
+        seen_path = self.out / "vlm.seen"
+        found = fingerprint(adapter.files(weights), seen_path)
+        write_if_changed(seen_path, found.seen)
+        # The value names a place on this disk; what the model is, its content says.
+        model = self.vlm.model.partition(":")[0]
+        return {"model": model, "version": adapter.version, "content": found.digest}
+
+    def mark_model(self) -> None:
+        """Write `out/vlm.stamp`, which make compares, where the model is another one."""
+        write_if_changed(self.out / "vlm.stamp", text_of(self.model_stamp))
+
+    def raw_stamp(self, segment: str) -> str:
+        """The adapter and a digest of the content of the drive's files, as JSON."""
+        return text_of(self._adapter() | {"content": self._fingerprint(segment).digest})
+
+    def _digests_of(self, drives: Sequence[str]) -> dict[str, str]:
+        """The digest of each drive; one that cannot be read has none."""
+        digests = {}
+        for drive in drives:
+            with contextlib.suppress(BadInput):
+                digests[drive] = self._fingerprint(drive).digest
+        return digests
+
+    def _fingerprint(self, segment: str) -> Fingerprint:
+        if segment not in self._fingerprints:
+            self._fingerprints[segment] = fingerprint(self.drive(segment).files, self._seen_path(segment))
+        return self._fingerprints[segment]
+
+    def _seen_path(self, segment: str) -> Path:
+        return self.out / "raw" / f"{segment}.seen"
+
+    def mark_raw(self, segment: str) -> Path:
+        """Write `out/raw/<segment>.stamp`, which make compares, where the drive's content has changed."""
+        path = self.shard("raw", segment)
+        write_if_changed(path, self.raw_stamp(segment))
+        write_if_changed(self._seen_path(segment), self._fingerprint(segment).seen)
+        return path
+
+
+def preset_values(stages: Path, preset: str, stage: str) -> dict[str, object]:
+    """The values of a stage that a preset, or several, give; none where there is no file of that stage.
+
+    Raises:
+        BadSetting: There is no such preset, or the file is no TOML.
+    """
+    if _AND in preset:
+        values: dict[str, object] = {}
+        for part in preset.split(_AND):
+            values = merge(values, preset_values(stages, part, stage))
+        return values
+    path = preset_folder(stages, preset) / f"{stage}.toml"
+    return read_toml(path) if os.path.lexists(path) else {}
+
+
+def preset_folder(stages: Path, preset: str) -> Path:
+    """Where the values of a preset stand.
+
+    Raises:
+        BadSetting: There is no such preset.
+    """
+    folder = stages / "presets" / preset
+    if not folder.is_dir():
+        raise BadSetting(
+            f"{folder} is missing; a preset is a folder with the values that differ, a TOML file a stage"
+        )
+    return folder
+
+
+def _preset_of(out: Path) -> str:
+    """The preset that the shards of a folder were last made with."""
+    try:
+        name = (out / "preset").read_text(encoding="utf-8").strip()
+    except (OSError, ValueError):
+        return ""
+    return name if all(SAFE_NAME.fullmatch(part) for part in name.split(_AND)) else ""
+
+
+def joined(presets: Iterable[str]) -> str:
+    """Several presets as one, the later over the earlier."""
+    return _AND.join(presets)

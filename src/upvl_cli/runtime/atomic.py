@@ -1,0 +1,93 @@
+"""Files that appear whole or not at all, with one writer at a time."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO
+
+from upvl_cli.errors import UpvlError, one_line
+
+
+class NotNeeded(Exception):  # noqa: N818
+    """Leaves `atomic_file` without a file and without an error."""
+
+
+@contextlib.contextmanager
+def atomic_file(path: Path) -> Iterator[IO[bytes]]:
+    """Open a binary file that appears at `path` only when the block ends well.
+
+    A second process that wants the same path waits until the first is done.
+
+    Raises:
+        UpvlError: The folder cannot be written or the disk is full.
+    """
+    part = path.with_name(f".{path.name}.part")
+    for place in (path, part):
+        if place.is_dir() and not place.is_symlink():
+            raise UpvlError(f"{place} is a folder where a file belongs; remove it")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with _removed_on_failure(part), _locked(part) as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+            part.replace(path)
+    except NotNeeded:
+        return
+    except OSError as error:
+        raise UpvlError(
+            f"cannot write {path}: {error.strerror or one_line(error)}; make room or make the folder writable, "
+            "or choose another with --out"
+        ) from error
+
+
+def write_if_changed(path: Path, text: str) -> bool:
+    """Write a small text file, atomically, only where it would differ; return whether it was written."""
+    content = text.encode("utf-8", "surrogateescape")
+    with contextlib.suppress(OSError):
+        if path.read_bytes() == content:
+            return False
+    with atomic_file(path) as file:
+        file.write(content)
+    return True
+
+
+@contextlib.contextmanager
+def _locked(part: Path) -> Iterator[IO[bytes]]:
+    """The part file, emptied, held against other processes; a killed process holds nothing."""
+    while True:
+        if part.is_symlink() or (part.exists() and not _ours(part.stat())):
+            part.unlink()  # a link or a pipe: writing would end up elsewhere
+        with os.fdopen(os.open(part, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666), "r+b") as file:
+            fcntl.flock(file, fcntl.LOCK_EX)
+            if _is_at(file, part):
+                file.truncate(0)
+                yield file
+                return
+        # the one that held it has moved it into place
+
+
+@contextlib.contextmanager
+def _removed_on_failure(part: Path) -> Iterator[None]:
+    """Removes the part file after an error or a Ctrl-C at any moment, unless another process holds it."""
+    try:
+        yield
+    except BaseException:
+        with contextlib.suppress(OSError), part.open("r+b") as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if _is_at(file, part):
+                part.unlink()
+        raise
+
+
+def _is_at(file: IO[bytes], path: Path) -> bool:
+    return path.exists() and path.stat().st_ino == os.fstat(file.fileno()).st_ino
+
+
+def _ours(found: os.stat_result) -> bool:
+    return stat.S_ISREG(found.st_mode) and found.st_nlink == 1

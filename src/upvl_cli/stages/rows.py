@@ -1,0 +1,307 @@
+"""The rows of all tables: what stages write, and what others read. Stages meet here, and import no other stage."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+
+from upvl_cli.pipeline.stage import Row, column, columns_of
+
+if TYPE_CHECKING:
+    from upvl_cli.detector.model import Detector
+    from upvl_cli.perception.visual.open_vocabulary import Basis
+    from upvl_cli.types import Array, Boxes, Ints, Ragged, TrackedBoxes
+
+
+@dataclass(frozen=True)
+class OdometryRow(Row):
+    """Time and pose of one frame."""
+
+    time_ns: int = column("int64", "time of the sweep, from any fixed origin", "ns")
+    world_from_ego: Array = column("float64", "pose of the car", "m", shape=(4, 4))
+
+
+@dataclass(frozen=True)
+class GroundRow(Row):
+    """Height of each point of a sweep, in the order of its points."""
+
+    height_m: Array = column("float16", "height above the ground below the point", "m", per="point")
+    is_ground: Array = column("bool", "part of the ground", per="point")
+
+
+@dataclass(frozen=True)
+class FlowRow(Row):
+    """Motion of each point of a sweep, in the order of its points."""
+
+    flow_mps: Array = column("float16", "velocity over the ground", "m/s", "ego", per="point", shape=(3,))
+
+
+@dataclass(frozen=True)
+class PcaRow(Row):
+    """The basis that features are kept in; one row for all drives. `components` holds 64 rows, one after the other."""
+
+    mean: Array = column("float32", "mean of the features, all of length 1", per="dimension")
+    components: Array = column("float32", "principal axes, those of the most variance first", per="value")
+    scale: Array = column("float32", "size of a step of each rounded value", per="component")
+    variance_kept: float = column("float64", "share of the variance that is kept")
+
+    @property
+    def basis(self) -> Basis:
+        """The basis itself."""
+        from upvl_cli.perception.visual.open_vocabulary import Basis
+
+        return Basis(self.mean, self.components.reshape(-1, len(self.mean)), self.scale, self.variance_kept)
+
+
+@dataclass(frozen=True)
+class ExtractVlRow(Row):
+    """Features of the points of one sweep."""
+
+    state: Array = column("int8", "0 seen, 1 occluded, 2 no view: outside of all pictures", per="point")
+    camera: Array = column(
+        "int8", "place of the camera that sees it best among the drive's cameras, -1 for none", per="point"
+    )
+    feature: Array = column(
+        "int8",
+        "values of the seen points, in the order of the points, to be scaled by pca's steps",
+        per="seen point",
+        shape=(64,),
+    )
+
+
+@dataclass(frozen=True)
+class MaskRow(Row):
+    """State of each point of a sweep, in the order of its points."""
+
+    is_moving: Array = column("bool", "at least as fast as min_speed_mps", per="point")
+    background: Array = column(
+        "int8",
+        "1 background, 0 not, -1 unknown: it moves, or has no feature and is kept by the policy for those",
+        per="point",
+    )
+
+
+@dataclass(frozen=True)
+class BoxRow(Row):
+    """Boxes of one frame; the table has one row a box."""
+
+    per_box: ClassVar[bool] = True
+
+    time_ns: int = column("int64", "time of the sweep, from any fixed origin", "ns")
+    center_m: Array = column(
+        "float64",
+        "centre of the box",
+        "m",
+        "ego",
+        per="box",
+        split=("center_x_m", "center_y_m", "center_z_m"),
+    )
+    size_lwh_m: Array = column(
+        "float64", "size of the box", "m", per="box", split=("length_m", "width_m", "height_m")
+    )
+    heading_rad: Array = column(
+        "float64", "direction of the length, counter-clockwise from x", "rad", "ego", per="box"
+    )
+    velocity_mps: Array = column(
+        "float64",
+        "velocity over the ground",
+        "m/s",
+        "ego",
+        per="box",
+        split=("velocity_x_mps", "velocity_y_mps", "velocity_z_mps"),
+    )
+    num_points: Array = column("int32", "LiDAR points that the box was made from", per="box")
+
+    @property
+    def boxes(self) -> Boxes:
+        """The boxes alone."""
+        from upvl_cli.types import Boxes
+
+        return Boxes(self.center_m, self.size_lwh_m, self.heading_rad)
+
+    @property
+    def seven(self) -> Array:
+        """TEMPORARY: the rows of the boxes, until every room uses the named parts."""
+        return self.boxes.to_rows()
+
+    @property
+    def points(self) -> Array:
+        """TEMPORARY: the old name of `num_points`."""
+        return self.num_points
+
+
+@dataclass(frozen=True)
+class ProposalRow(BoxRow):
+    """Boxes of one sweep, and which points they were made from."""
+
+    point_index: Ragged = column(
+        "int32", "places of its points in the sweep, ascending", per="box", ragged=True
+    )
+
+    def box_of_point(self, points: int) -> Ints:
+        """Return (n,) the box that each of the n points of the sweep belongs to, -1 for none."""
+        import numpy as np
+
+        box: Ints = np.full(points, -1, dtype=np.int64)
+        box[self.point_index.values] = self.point_index.owner
+        return box
+
+
+@dataclass(frozen=True)
+class TrackRow(BoxRow):
+    """Tracked boxes of one frame."""
+
+    track_id: Array = column("int64", "number of the track in its segment", per="box")
+    proposal: Array = column(
+        "int32", "row of the box among the proposals of its frame, -1 where coasting", per="box"
+    )
+
+
+@dataclass(frozen=True)
+class ScoredBoxRow(BoxRow):
+    """Boxes of one frame with a score and a track."""
+
+    score: Array = column("float64", "confidence, 0 to 1", per="box")
+    track_id: Array = column("int64", "number of the track in its segment, -1 for none", per="box")
+
+    @property
+    def tracked_boxes(self) -> TrackedBoxes:
+        """The boxes without the key."""
+        from upvl_cli.types import TrackedBoxes
+
+        return TrackedBoxes(
+            self.center_m, self.size_lwh_m, self.heading_rad, self.velocity_mps, self.score, self.track_id
+        )
+
+
+@dataclass(frozen=True)
+class AmodalRow(ScoredBoxRow):
+    """Boxes around whole objects, and why each has its score."""
+
+    background_share: Array = column(
+        "float64", "share of background among the points of the track, in all frames", per="box"
+    )
+    num_frames_seen: Array = column("int32", "frames in which the track has points", per="box")
+
+
+B = TypeVar("B", bound=BoxRow)
+
+
+def select(row: B, index: Ints) -> B:
+    """Return the row with some of its boxes."""
+    names = [name for name, spec in columns_of(type(row)).items() if spec.per == "box"]
+    return replace(row, **{name: getattr(row, name)[index] for name in names})
+
+
+@dataclass(frozen=True)
+class ClassifyRow(Row):
+    """Classes of the labels of one frame, to be joined with those of `nms` by track."""
+
+    per_box: ClassVar[bool] = True
+
+    track_id: Array = column("int64", "number of the track in its segment", per="box")
+    type: Array = column(
+        "int8", "1 vehicle, 2 pedestrian, 4 cyclist (Waymo's numbers), 0 other or not seen", per="box"
+    )
+    word: Array = column(
+        "string", "word that most points of the track are nearest to; empty if not seen", per="box"
+    )
+    share: Array = column("float32", "share of the votes of the track's points that the class has", per="box")
+
+
+@dataclass(frozen=True)
+class LabelRow(AmodalRow):
+    """The auto labels of one frame: what users take."""
+
+    class_name: Array = column(
+        "string",
+        "vehicle, pedestrian, cyclist or other; empty where no camera saw the track",
+        per="box",
+        name="class",
+    )
+    word: Array = column(
+        "string", "word that most points of the track are nearest to; empty if not seen", per="box"
+    )
+    class_share: Array = column(
+        "float32", "share of the votes of the track's points that the class has", per="box"
+    )
+    is_moving: Array = column("bool", "at least as fast as moving_mps in this frame", per="box")
+
+
+@dataclass(frozen=True)
+class ObjectSummaryRow(ScoredBoxRow):
+    """Boxes of one frame, each with the mean vision-language feature of its points: what filters and rankings read."""
+
+    num_features: Array = column("int32", "points of the box that have a feature", per="box")
+    pooled: Array = column(
+        "int8",
+        "mean feature of the box, rounded as those of its points; zeros without points",
+        per="box",
+        shape=(64,),
+    )
+
+
+def _point_feature() -> Any:
+    return column(
+        "int8",
+        "values of the feature of each point of the box, to be scaled by pca's steps",
+        per="box",
+        shape=(64,),
+        ragged=True,
+    )
+
+
+@dataclass(frozen=True)
+class PointFeatureRow(Row):
+    """The features of the points of each box of one frame: what votes read."""
+
+    per_box: ClassVar[bool] = True
+
+    point_feature: Ragged = _point_feature()
+
+
+@dataclass(frozen=True)
+class ObjectRow(ObjectSummaryRow):
+    """Boxes of one frame with the vision-language features of the points inside of them: what a query reads."""
+
+    point_feature: Ragged = _point_feature()
+
+    @property
+    def of_box(self) -> Ints:
+        """TEMPORARY: the box of each feature."""
+        return self.point_feature.owner
+
+    @property
+    def feature(self) -> Array:
+        """TEMPORARY: the features."""
+        return self.point_feature.values
+
+
+@dataclass(frozen=True)
+class TrainRow(Row):
+    """The detector and how it was trained; one row for all drives."""
+
+    weights: Array = column("uint8", "the weights, as a file of safetensors", per="byte")
+    grid_m: Array = column("float64", "ends of what is seen: x, y, height above the road", "m", shape=(6,))
+    pillar_m: float = column("float64", "side of a pillar", "m")
+    encoder: str = column("string", "how boxes are said")
+    width: int = column("int64", "channels of a pillar")
+    distils: bool = column("bool", "whether it says features of points")
+    rate: Array = column("float64", "learning rate of each step", per="step")
+    total: Array = column("float64", "loss", per="step")
+    objectness: Array = column("float64", "part of the loss: where something is", per="step")
+    box: Array = column("float64", "part of the loss: places and sizes", per="step")
+    heading: Array = column("float64", "part of the loss: headings", per="step")
+    distil: Array = column("float64", "part of the loss: features", per="step")
+    check_step: Array = column("int64", "steps done at each look at what is held out", per="check")
+    check_total: Array = column("float64", "loss there", per="check")
+
+    @property
+    def detector(self) -> Detector:
+        """The network, ready to detect."""
+        from upvl_cli.detector.batch import grid_of
+        from upvl_cli.detector.checkpoint import rebuilt
+
+        return rebuilt(
+            self.weights, grid_of(self.grid_m, self.pillar_m), self.width, self.encoder, self.distils
+        )

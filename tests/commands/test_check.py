@@ -1,0 +1,122 @@
+"""`upvl check`: what it finds on a drive without looking at a label."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from upvl_cli.commands.check import Finding, check_drive, chosen, views
+from upvl_cli.geometry.se3 import apply, inverse
+from upvl_cli.types import Array, Camera, Frame, Image, Points
+
+CAMERA = Camera(
+    name="front",
+    width_px=40,
+    height_px=20,
+    intrinsic=np.array([[30.0, 0.0, 19.5], [0.0, 30.0, 9.5], [0.0, 0.0, 1.0]]),
+    distortion=np.zeros(5),
+    ego_from_camera=np.array(
+        [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+    ),
+)
+STEP_NS = 100_000_000
+SPEED_MPS, TURN_RADPS = 10.0, 0.3
+TREES_M = np.array([[30.0, 5.0, 0.0], [40.0, -5.0, 1.0]])  # in the axes of the world
+
+
+def pose(time_ns: int) -> Array:
+    """Where a car is that goes along a circle."""
+    angle = TURN_RADPS * time_ns / 1e9
+    radius_m = SPEED_MPS / TURN_RADPS
+    turned = np.eye(4)
+    turned[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    turned[:2, 3] = radius_m * np.sin(angle), radius_m * (1 - np.cos(angle))
+    return turned
+
+
+@dataclass
+class TinyDrive:
+    """Five frames of a car that turns, with two trees."""
+
+    name: str = "tiny"
+    frames: tuple[Frame, ...] = tuple(Frame(number, number * STEP_NS) for number in range(5))
+    cameras: tuple[Camera, ...] = (CAMERA,)
+    skipped: Mapping[str, int] = field(default_factory=dict)
+    ground_z_m: float = -1.7
+    files: tuple[Path, ...] = ()
+    delay_ns: int = 0
+    without: frozenset[int] = frozenset()
+    size: tuple[int, int] = (20, 40)
+
+    @property
+    def world_from_ego(self) -> Array:
+        return np.stack([pose(frame.time_ns) for frame in self.frames])
+
+    def points(self, frame: int) -> Points:
+        xyz = np.concatenate([apply(inverse(pose(frame * STEP_NS)), TREES_M), [[1.0, 0.0, 0.0]]])
+        return Points(xyz, np.zeros(3), np.zeros(3), [0, 0, 1], np.zeros(3))
+
+    def image(self, frame: int, camera: str) -> Image | None:
+        if frame in self.without:
+            return None
+        return Image(np.zeros((*self.size, 3), np.uint8), frame * STEP_NS + self.delay_ns)
+
+
+def findings(drive: TinyDrive) -> list[Finding]:
+    return list(check_drive(drive, drive.world_from_ego))
+
+
+UNRIGID = replace(CAMERA, ego_from_camera=CAMERA.ego_from_camera * [[1, 1.01, 1, 1]])
+MIRRORED = replace(CAMERA, ego_from_camera=CAMERA.ego_from_camera * [[1], [-1], [1], [1]])
+WRONG = {
+    "rotation": (TinyDrive(cameras=(UNRIGID,)), "ego_from_camera is none"),
+    "mirror": (TinyDrive(cameras=(MIRRORED,)), "ego_from_camera is none"),
+    "size": (TinyDrive(size=(10, 20)), "20 x 10 pixels, expected 40 x 20"),
+    "late": (TinyDrive(delay_ns=-250_000_000), "0.25 s from its sweep"),
+    "times": (TinyDrive(frames=(Frame(0, 5), Frame(1, 5))), "frame 1 is not later"),
+    "blind": (TinyDrive(without=frozenset(range(5))), "no picture in 5 of 5 frames"),
+}
+
+
+@pytest.mark.parametrize(("drive", "text"), WRONG.values(), ids=WRONG)
+def test_what_is_wrong_is_said_once(drive: TinyDrive, text: str) -> None:
+    faulty = [str(finding) for finding in findings(drive) if finding.faulty]
+    assert len(faulty) == 1 and text in faulty[0]
+
+
+def test_gaps_are_told_but_are_no_fault() -> None:
+    drive = TinyDrive(skipped={"no sweep": 3}, without=frozenset({2}))
+    texts = {str(finding): finding.faulty for finding in findings(drive)}
+    assert texts == {
+        "drive: 3 left out: no sweep": False,
+        "front: no picture in 1 of 5 frames looked at": False,
+        "front: too few outlines in 4 pictures to check the calibration": False,
+    }
+
+
+@pytest.mark.parametrize("delay_ns", [-30_000_000, 0, 40_000_000])
+def test_a_sweep_is_moved_to_the_time_of_the_picture(delay_ns: int) -> None:
+    drive = TinyDrive(delay_ns=delay_ns)
+    seen = {frame: drive.image(frame.index, "front") for frame in chosen(drive)}
+    moved = list(views(drive, {frame: image for frame, image in seen.items() if image}, drive.world_from_ego))
+    assert len(moved) == 5  # the first and the last lie before and after all poses
+    for frame, view in zip(drive.frames, moved, strict=True):
+        there = apply(inverse(pose(frame.time_ns + delay_ns)), TREES_M)
+        np.testing.assert_allclose(view.xyz_ego_m, there, atol=0.01)  # the point of the other LiDAR is gone
+    still = list(views(drive, {frame: image for frame, image in seen.items() if image}, None))
+    np.testing.assert_allclose(still[1].xyz_ego_m, drive.points(1).xyz_ego_m[:2])
+
+
+def test_a_drive_without_cameras_has_nothing_to_check() -> None:
+    assert [str(finding) for finding in findings(TinyDrive(cameras=()))] == ["drive: has no camera"]
+
+
+def test_frames_are_spread_over_the_drive() -> None:
+    drive = TinyDrive(frames=tuple(Frame(number, number) for number in range(100)), cameras=(CAMERA,) * 5)
+    picked = [frame.index for frame in chosen(drive)]
+    assert len(picked) == 12 and picked[0] == 0 and picked[-1] == 99
+    assert np.ptp(np.diff(picked)) <= 1

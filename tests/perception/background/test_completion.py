@@ -1,0 +1,69 @@
+"""What no camera sees has the state of its place, or of what has its shape."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from upvl_cli.perception.background.completion import Sighting, Unseen
+from upvl_cli.perception.background.masks import UNKNOWN
+from upvl_cli.perception.background.shape_classifier import shapes
+
+
+def sheet(x_m: float, y_m: float, length_m: float, top_m: float) -> np.ndarray:
+    """Points of an upright surface that runs along x and stands on the ground."""
+    along, up = np.meshgrid(np.arange(0, length_m, 0.15), np.arange(0.3, top_m, 0.15))
+    return np.stack([x_m + along.ravel(), np.full(along.size, y_m), up.ravel()], axis=1)
+
+
+def street() -> tuple[Sighting, np.ndarray]:
+    """Ten house fronts and ten sides of cars, and which points are of houses; the last of each was never seen."""
+    parts, houses, unseen = [], [], []
+    for number in range(10):
+        for points, is_house in ((sheet(12 * number, 9, 8, 6.0), 1), (sheet(12 * number, 3, 4, 1.5), 0)):
+            parts.append(points)
+            houses.append(np.full(len(points), is_house))
+            unseen.append(np.full(len(points), number == 9))
+    xyz, house = np.concatenate(parts), np.concatenate(houses)
+    state = np.where(np.concatenate(unseen), UNKNOWN, house)
+    return Sighting(state, np.zeros(len(xyz), bool), xyz, shapes(xyz, xyz[:, 2])), house
+
+
+def test_what_was_never_seen_has_the_state_of_its_shape() -> None:
+    seen, house = street()
+    asked = seen.background == UNKNOWN
+    told = Unseen([seen]).of(seen)
+    assert (told[~asked] == house[~asked]).all()
+    assert (told[asked] == house[asked]).mean() > 0.95
+
+
+def test_what_moves_unseen_stays_unknown() -> None:
+    seen, _ = street()
+    fast = np.ones(len(seen.background), bool)
+    assert (Unseen([seen]).of(replace(seen, is_fast=fast)) == seen.background).all()
+
+
+def test_without_looks_only_places_count() -> None:
+    seen, house = street()
+    asked = seen.background == UNKNOWN
+    plain = replace(seen, shape=None)
+    assert (Unseen([plain]).of(plain)[asked] == UNKNOWN).all()
+    later = replace(plain, background=house)  # it was seen after all, at another time
+    assert (Unseen([plain, later]).of(plain) == house).all()
+
+
+def test_nothing_is_learned_where_cameras_saw_one_state_alone() -> None:
+    seen, _ = street()
+    background = np.where(seen.background == 0, UNKNOWN, seen.background)
+    asked = background == UNKNOWN
+    alone = replace(seen, background=background, xyz_world_m=seen.xyz_world_m)
+    assert (Unseen([alone]).of(alone)[asked] == UNKNOWN).all()
+    assert (Unseen([]).of(alone) == background).all()
+
+
+def test_a_sweep_without_points() -> None:
+    nothing = Sighting(
+        np.zeros(0, np.int8), np.zeros(0, bool), np.zeros((0, 3)), shapes(np.zeros((0, 3)), np.zeros(0))
+    )
+    assert Unseen([nothing]).of(nothing).shape == (0,)

@@ -1,0 +1,68 @@
+"""What moves is at least as fast as the threshold."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from upvl_cli.perception.background.masks import UNKNOWN, Background, background_of_tracks, moving, settled
+from upvl_cli.perception.visual.open_vocabulary import Basis
+from upvl_cli.perception.visual.views import NO_VIEW, OCCLUDED, SEEN
+
+
+def test_the_threshold_itself_moves() -> None:
+    velocity = np.array([[1.0, 0, 0], [0.75, 0.75, 0], [0.99, 0, 0], [0, 0, -3], [0, 0, 0]], np.float16)
+    np.testing.assert_array_equal(moving(velocity, min_speed_mps=1.0), [True, True, False, True, False])
+
+
+def test_a_threshold_of_zero_takes_every_point() -> None:
+    assert moving(np.zeros((3, 3), np.float16), min_speed_mps=0.0).all()
+
+
+def test_empty() -> None:
+    assert moving(np.zeros((0, 3), np.float16), min_speed_mps=1.0).shape == (0,)
+
+
+BASIS = Basis(np.zeros(3), np.vstack([np.eye(3), np.zeros((61, 3))]), np.full(64, 0.01), 1.0)
+ROAD, TREE, CAR = np.eye(3)
+STATE = np.array([SEEN, OCCLUDED, SEEN, NO_VIEW, SEEN])
+
+
+def kept(*directions: np.ndarray) -> np.ndarray:
+    return BASIS.rounded(BASIS.kept(np.array(directions)))
+
+
+def test_a_seen_point_is_background_where_its_best_word_reaches_the_threshold() -> None:
+    rule = Background(BASIS, np.array([ROAD, TREE]), np.zeros((0, 3)), 0.6)
+    feature = kept(ROAD, CAR, TREE + 0.9 * CAR)  # cosines 1, 0 and 0.743
+    assert rule.of(STATE, feature).tolist() == [1, UNKNOWN, 0, UNKNOWN, 1]
+
+
+def test_background_is_compared_with_the_other_words_where_there_are_some() -> None:
+    rule = Background(BASIS, np.array([ROAD, TREE]), np.array([CAR]), 0.2)
+    assert rule.of(STATE, kept(ROAD, CAR, TREE + 0.9 * CAR)).tolist() == [1, UNKNOWN, 0, UNKNOWN, 0]
+
+
+def test_the_policy_for_points_without_a_feature() -> None:
+    seen, fast = np.array([1, 0, UNKNOWN, UNKNOWN], np.int8), np.array([False, False, True, False])
+    assert settled(seen, fast, policy="keep").tolist() == [1, 0, UNKNOWN, UNKNOWN]
+    assert settled(seen, fast, policy="drop").tolist() == [1, 0, 1, 1]
+    assert settled(seen, fast, policy="moving").tolist() == [1, 0, UNKNOWN, 1]
+
+
+def test_what_moves_is_no_background_whatever_words_say() -> None:
+    seen, fast = np.array([1, 1, 0, UNKNOWN]), np.array([True, False, True, True])
+    assert settled(seen, fast, policy="keep").tolist() == [UNKNOWN, 1, 0, UNKNOWN]
+
+
+def test_a_track_is_as_much_background_as_its_points_of_all_frames() -> None:
+    none = -1
+    frames = [
+        # Track 7 has proposal 1 with two points of background and two others; track 9 coasts.
+        (np.array([1, 1, 0, 0, 1, UNKNOWN]), np.array([1, 1, 1, 1, none, 0]), np.array([1, none])),
+        # Track 7 has one more point, which is none; track 9 has a point of which nobody knows.
+        (np.array([0, UNKNOWN]), np.array([0, 1]), np.array([0, 1])),
+        (np.zeros(0, int), np.zeros(0, int), np.zeros(0, int)),
+    ]
+    share = background_of_tracks(np.array([7, 9, 7, 9]), frames)
+    np.testing.assert_allclose(share, [0.4, 0, 0.4, 0])
+    assert background_of_tracks(np.zeros(0, int), []).shape == (0,)

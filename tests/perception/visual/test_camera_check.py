@@ -1,0 +1,166 @@
+"""How far a calibration is off: a made-up yard of boxes before a wall, then a real drive."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from upvl_cli.commands.check import chosen, views
+from upvl_cli.datasets.kitti.dataset import Kitti
+from upvl_cli.geometry.camera import project, rays
+from upvl_cli.perception.visual.camera_check import Offset, View, edges, offset, smaller, smaller_camera
+from upvl_cli.perception.visual.outlines import LEFT, RIGHT, TOP, outlines
+from upvl_cli.types import Array, Camera
+
+CAMERA = Camera(
+    name="front",
+    width_px=480,
+    height_px=200,
+    intrinsic=np.array([[360.0, 0.0, 239.5], [0.0, 360.0, 85.0], [0.0, 0.0, 1.0]]),
+    distortion=np.array([-0.05, 0.01, 0.0, 0.0, 0.0]),
+    ego_from_camera=np.array(
+        [[0.0, 0.0, 1.0, 0.25], [-1.0, 0.0, 0.0, 0.05], [0.0, -1.0, 0.0, -0.1], [0.0, 0.0, 0.0, 1.0]]
+    ),
+)
+GROUND_M, WALL_M = -1.7, 35.0
+FAULTS = {
+    "1 degree about x": (1, 0, 0, 0, 0, 0),
+    "-1 degree about y": (0, -1, 0, 0, 0, 0),
+    "1 degree about z": (0, 0, 1, 0, 0, 0),
+    "5 cm along x": (0, 0, 0, 5, 0, 0),
+    "-5 cm along x": (0, 0, 0, -5, 0, 0),
+    "5 cm along y": (0, 0, 0, 0, 5, 0),
+    "-5 cm along z": (0, 0, 0, 0, 0, -5),
+    "3 degrees about y": (0, 3, 0, 0, 0, 0),
+}
+
+
+def cast(origin: Array, ways: Array, low: Array, high: Array) -> tuple[Array, Array]:
+    """Range of what each ray meets, and its number: boxes first, then the ground, then the wall."""
+    with np.errstate(divide="ignore"):
+        slabs = np.stack([(bound[:, None] - origin) / ways for bound in (low, high)])  # (2, boxes, rays, 3)
+        ground, wall = (GROUND_M - origin[2]) / ways[:, 2], (WALL_M - origin[0]) / ways[:, 0]
+    enter, leave = slabs.min(axis=0).max(axis=-1), slabs.max(axis=0).min(axis=-1)
+    hits = np.where((enter < leave) & (enter > 0), enter, np.inf)
+    hits = np.concatenate(
+        [hits, np.where(ground > 0, ground, np.inf)[None], np.where(wall > 0, wall, np.inf)[None]]
+    )
+    return hits.min(axis=0), hits.argmin(axis=0)
+
+
+def turned(camera: Camera, fault: tuple[float, ...]) -> Camera:
+    """The camera with a wrong calibration: degrees about its axes, centimetres along them."""
+    motion = np.eye(4)
+    motion[:3, :3] = Rotation.from_rotvec(np.deg2rad(fault[:3])).as_matrix()
+    motion[:3, 3] = np.array(fault[3:]) / 100
+    return replace(camera, ego_from_camera=camera.ego_from_camera @ motion)
+
+
+def yard(seed: int) -> View:
+    """What the LiDAR, in the origin, and the true camera see of some boxes of several colours."""
+    rng = np.random.default_rng(seed)
+    at = np.stack([rng.uniform(3.5, 22, 14), rng.uniform(-0.55, 0.55, 14)], axis=1)
+    at[:, 1] *= at[:, 0]
+    half = rng.uniform([0.1, 0.1, 0.5], [0.8, 0.8, 2.2], (14, 3))
+    low = np.column_stack([at - half[:, :2], np.full(14, GROUND_M)])
+    high = np.column_stack([at + half[:, :2], GROUND_M + half[:, 2]])
+    azimuth, elevation = np.meshgrid(np.deg2rad(np.arange(-45, 45, 0.2)), np.deg2rad(np.arange(-20, 4, 0.45)))
+    level = np.cos(elevation)
+    ways = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=-1).reshape(
+        -1, 3
+    )
+    range_m, _ = cast(np.zeros(3), ways, low, high)
+    range_m += rng.normal(0, 0.02, len(range_m))
+    v, u = np.mgrid[: CAMERA.height_px, : CAMERA.width_px].reshape(2, -1)
+    seen = rays(CAMERA, np.stack([u, v], axis=1))
+    _, what = cast(CAMERA.ego_from_camera[:3, 3], seen, low, high)
+    grey = rng.uniform(30, 220, 16)[what] + rng.normal(0, 3, len(what))
+    rgb = np.repeat(grey.reshape(CAMERA.height_px, CAMERA.width_px, 1), 3, axis=2)
+    kept = range_m < 60
+    return View(np.clip(rgb, 0, 255).astype(np.uint8), ways[kept] * range_m[kept, None])
+
+
+@cache
+def yards() -> tuple[View, ...]:
+    return tuple(yard(seed) for seed in range(10))
+
+
+def estimated(camera: Camera, seen: tuple[View, ...] | list[View]) -> Offset:
+    found = offset(camera, seen)
+    assert found is not None
+    return found
+
+
+def test_outlines_lie_on_the_ends_of_a_box() -> None:
+    low, high = np.array([[10.0, -1.0, -1.7]]), np.array([[11.0, 1.0, 0.3]])
+    azimuth, elevation = np.meshgrid(np.deg2rad(np.arange(-30, 30, 0.2)), np.deg2rad(np.arange(-15, 8, 0.5)))
+    ways = np.stack([np.cos(azimuth), np.sin(azimuth), np.tan(elevation)], axis=-1).reshape(-1, 3)
+    range_m, what = cast(np.zeros(3), ways, low, high)
+    camera = turned(CAMERA, (0, 0, 0, 0, 0, 0))
+    found = outlines(camera, ways * range_m[:, None], 7)
+    assert set(found.view) == {7} and (what == 0).sum() > 300
+    near = found[found.xyz_m[:, 2] < 12]
+    ego = near.xyz_m @ camera.ego_from_camera[:3, :3].T + camera.ego_from_camera[:3, 3]
+    step_m = 10 * np.deg2rad(0.2)
+    for side, axis, place_m, within_m in (
+        (LEFT, 1, 1.0, step_m),
+        (RIGHT, 1, -1.0, step_m),
+        (TOP, 2, 0.3, 0.1),
+    ):
+        assert (near.side == side).sum() > 10
+        np.testing.assert_allclose(ego[near.side == side, axis], place_m, atol=within_m)
+
+
+def test_a_smaller_picture_has_a_smaller_camera() -> None:
+    ahead = np.array([[10.0, 1.0, 0.5], [7.0, -2.0, -0.5]])
+    small = smaller_camera(CAMERA, 2)
+    full_px, small_px = project(CAMERA, ahead)[0], project(small, ahead)[0]
+    np.testing.assert_allclose(small_px, (full_px - 0.5) / 2)
+    assert smaller(np.zeros((201, 480, 3), np.uint8), 2).shape == (100, small.width_px)
+
+
+def test_an_edge_is_one_pixel_wide_and_only_across_it() -> None:
+    grey = np.zeros((60, 80), np.float32)
+    grey[:, 40:] = 200
+    across_columns, across_rows = edges(grey)
+    assert (across_columns.argmax(axis=1) // 2 == 39 // 2).all() or (across_columns[:, 39:41] > 1).all()
+    assert not across_columns[:, :35].any() and not across_rows.any()
+
+
+def test_a_right_calibration_is_not_reported() -> None:
+    found = estimated(CAMERA, yards())
+    assert not found.is_off
+    assert np.abs(np.rad2deg(found.six[:3])).max() < 0.15 and np.abs(found.six[3:]).max() < 0.025
+
+
+@pytest.mark.parametrize("fault", FAULTS.values(), ids=FAULTS)
+def test_a_wrong_calibration_is_reported_and_measured(fault: tuple[float, ...]) -> None:
+    found = estimated(turned(CAMERA, fault), yards())
+    assert found.is_off
+    wrong = found.six - np.array([*np.deg2rad(fault[:3]), *(np.array(fault[3:]) / 100)])
+    assert np.abs(np.rad2deg(wrong[:3])).max() < 0.2 and np.abs(wrong[3:]).max() < 0.03
+
+
+def test_nothing_is_said_of_what_is_not_seen() -> None:
+    away = turned(CAMERA, (0, 180, 0, 0, 0, 0))
+    assert offset(away, yards()) is None
+    assert offset(CAMERA, []) is None
+
+
+@pytest.mark.real
+def test_a_real_calibration_is_right_until_it_is_moved(shared: Path) -> None:
+    dataset = Kitti(shared / "data/kitti_raw_a")
+    drive = dataset.open(dataset.segments[0])
+    frames = chosen(drive)[::2]
+    camera = drive.cameras[0]
+    pictures = {frame: drive.image(frame.index, camera.name) for frame in frames}
+    seen = list(views(drive, {frame: image for frame, image in pictures.items() if image}, None))
+    assert len(seen) == 10
+    assert not estimated(camera, seen).is_off
+    found = estimated(turned(camera, (0, 0, 0, 5, 0, 0)), seen)
+    assert found.is_off and 0.03 < found.six[3] < 0.07

@@ -1,0 +1,73 @@
+"""What is kept of a feature compares with words as the feature itself does."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from upvl_cli.perception.visual.open_vocabulary import KEPT, Basis, background_score, fit
+
+
+def directions(count: int, dim: int, rank: int, seed: int = 0) -> np.ndarray:
+    """Features of any length that lie, but for their mean, in `rank` dimensions."""
+    axes, rng = np.random.default_rng(99).normal(size=(rank, dim)), np.random.default_rng(seed)
+    return (rng.normal(size=(count, rank)) @ axes) * rng.uniform(1, 9, (count, 1))
+
+
+def unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+
+@pytest.fixture(scope="module")
+def basis() -> Basis:
+    features = directions(2000, 96, 40)
+    return fit((features[first : first + 200] for first in range(0, 2000, 200)), 96)
+
+
+def test_all_variance_of_features_of_few_dimensions_is_kept(basis: Basis) -> None:
+    assert basis.components.shape == (KEPT, 96)
+    assert basis.variance_kept == pytest.approx(1.0, abs=1e-6)
+
+
+def test_cosines_are_those_of_the_full_space(basis: Basis) -> None:
+    features, words = directions(300, 96, 40), unit(np.random.default_rng(1).normal(size=(7, 96)))
+    exact = unit(features) @ words.T
+    codes = basis.rounded(basis.kept(features))
+    assert codes.dtype == np.int8
+    np.testing.assert_allclose(basis.cosines(codes, words), exact, atol=0.012)  # eight bits a value
+    # Against the formula written out: the feature is rebuilt, and compared.
+    rebuilt = basis.mean + basis.values(codes) @ basis.components
+    np.testing.assert_allclose(basis.cosines(codes, words), unit(rebuilt) @ words.T, atol=1e-5)
+
+
+def test_the_axes_are_those_of_a_plain_decomposition() -> None:
+    """Incremental fits of many pictures give the axes of one fit of all."""
+    features = unit(directions(3000, 80, 80)) * np.linspace(3, 0.1, 80)
+    basis = fit((features[first : first + 500] for first in range(0, 3000, 500)), 80)
+    full = unit(features)
+    axes = np.linalg.svd(full - full.mean(axis=0), full_matrices=False)[2]
+    overlap = np.abs(axes[:10] @ basis.components[:10].T)
+    assert np.diag(overlap).min() > 0.98
+    np.testing.assert_allclose(basis.mean, full.mean(axis=0), atol=1e-6)
+
+
+def test_a_model_of_few_dimensions_has_axes_of_zeros() -> None:
+    basis = fit([directions(200, 5, 5)], 5)
+    assert not basis.components[5:].any()
+    words = np.eye(5)
+    features = directions(20, 5, 5, seed=3)
+    np.testing.assert_allclose(
+        basis.cosines(basis.rounded(basis.kept(features)), words), unit(features), atol=0.02
+    )
+
+
+def test_without_a_picture_there_is_nothing_to_keep() -> None:
+    basis = fit([], 6)
+    assert basis.variance_kept == 0
+    assert not basis.rounded(basis.kept(np.ones((2, 6)))).any()
+
+
+def test_the_score_is_the_best_word_less_the_best_of_the_others() -> None:
+    cosines = np.array([[0.1, 0.5], [0.3, -0.2]])
+    np.testing.assert_allclose(background_score(cosines, np.zeros((2, 0))), [0.5, 0.3])
+    np.testing.assert_allclose(background_score(cosines, np.array([[0.2, 0.1], [0.4, 0.0]])), [0.3, -0.1])
