@@ -132,5 +132,5 @@ def _standing(material: Material, moving_mps: float) -> Material:
     )
 
 
-if __classify__ == "__main__":
+if __name__ == "__main__":
     main()

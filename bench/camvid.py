@@ -35,5 +35,5 @@ def main() -> None:
     sys.exit(not (score.words >= 0.60 and score.synonyms >= 0.50))
 
 
-if __classify__ == "__main__":
+if __name__ == "__main__":
     main()

@@ -122,5 +122,5 @@ def check_one(
     print(f"  {(time.process_time() - start_s) / len(asked):.1f} s of one core each")
 
 
-if __classify__ == "__main__":
+if __name__ == "__main__":
     main()

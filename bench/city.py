@@ -99,5 +99,5 @@ def main() -> None:
     sys.exit(per_frame_s > MAX_S_PER_FRAME or peak_mib > MAX_MIB or not same)
 
 
-if __classify__ == "__main__":
+if __name__ == "__main__":
     main()

@@ -112,5 +112,5 @@ def main() -> None:
         print(path)
 
 
-if __classify__ == "__main__":
+if __name__ == "__main__":
     main()

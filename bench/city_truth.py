@@ -55,5 +55,5 @@ def main() -> None:
     sys.exit(missed or np.quantile(off_m, 0.99) > MAX_FLOW_M)
 
 
-if __classify__ == "__main__":
+if __name__ == "__main__":
     main()

@@ -163,5 +163,5 @@ def _is(phrase: str, truth) -> np.ndarray:
     return np.array([phrase in kind for kind in truth.kind], dtype=np.bool_)
 
 
-if __classify__ == "__main__":
+if __name__ == "__main__":
     main()

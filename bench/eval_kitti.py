@@ -167,5 +167,5 @@ def main() -> int:
     return 0 if all(passed) else 1
 
 
-if __classify__ == "__main__":
+if __name__ == "__main__":
     raise SystemExit(main())

@@ -150,5 +150,5 @@ def main() -> None:
     sys.exit(ours.errors.three_way_epe_m > reference.errors.three_way_epe_m + WORSE_M)
 
 
-if __classify__ == "__main__":
+if __name__ == "__main__":
     main()

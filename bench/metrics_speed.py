@@ -114,5 +114,5 @@ def main() -> int:
     return 0 if fine else 1
 
 
-if __classify__ == "__main__":
+if __name__ == "__main__":
     sys.exit(main())

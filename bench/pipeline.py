@@ -26,7 +26,6 @@ from upvl_cli.cli.labels import MOVING_ONLY
 from upvl_cli.commands.pipeline import PIPELINE
 from upvl_cli.pipeline.presets import remember
 from upvl_cli.pipeline.workspace import Workspace
-from upvl_cli.stages import LABELLING
 from workspaces import on_kitti
 
 MIN_FRAMES_PER_S = 2.0
@@ -75,7 +74,7 @@ def main() -> None:
         plain_s = min(reference_s(sweep.xyz_ego_m) for _ in range(3))
         print(f"{frames} frames; plain DBSCAN of one sweep: {plain_s:.3f} s")
         print(f"{'stage':10} {'wall s':>8} {'cpu s':>8} {'s/frame':>8} {'peak MiB':>9}")
-        for stage in LABELLING:
+        for stage in PIPELINE.labelling_stages:
             _print_row(stage.name, measured([stage.name], folder), frames)
         shutil.rmtree(folder / "out")
         whole = measured(["autolabel", "--moving-only"], folder)
@@ -88,5 +87,5 @@ def main() -> None:
     sys.exit(rate < MIN_FRAMES_PER_S or peak_mib > MAX_PEAK_MIB)
 
 
-if __classify__ == "__main__":
+if __name__ == "__main__":
     main()

@@ -139,5 +139,5 @@ def _rows(segment: str, seed: int, points: int, codes: np.ndarray) -> Iterator[O
         )
 
 
-if __classify__ == "__main__":
+if __name__ == "__main__":
     main()

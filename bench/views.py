@@ -81,5 +81,5 @@ def _of(drive: CityDrive, frame: int, camera, limits: dict[str, float]) -> np.nd
     )
 
 
-if __classify__ == "__main__":
+if __name__ == "__main__":
     main()

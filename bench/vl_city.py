@@ -92,5 +92,5 @@ def scored(workspace: Workspace) -> bool:
     return bool(right >= 0.85)
 
 
-if __classify__ == "__main__":
+if __name__ == "__main__":
     main()

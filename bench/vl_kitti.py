@@ -73,5 +73,5 @@ def scored(workspace: Workspace, segment: str) -> bool:
     return bool(shares[0] >= 0.80 and shares[1] >= 0.90)
 
 
-if __classify__ == "__main__":
+if __name__ == "__main__":
     main()

@@ -57,5 +57,5 @@ def main() -> None:
     sys.exit(not (rate >= 4 and run["peak_mib"] <= 2048))
 
 
-if __classify__ == "__main__":
+if __name__ == "__main__":
     main()

@@ -210,5 +210,5 @@ def main(paths: list[str]) -> int:
     return 1 if total.unequal else 0
 
 
-if __classify__ == "__main__":
+if __name__ == "__main__":
     sys.exit(main(sys.argv[1:]))

@@ -18,6 +18,7 @@ from command import ROOT, UPVL, fails, make_workspace, set_value, upvl
 from tiny_kitti import write_drive
 from upvl_cli.commands.pipeline import PIPELINE
 from upvl_cli.pipeline.tables import Table, write
+from upvl_cli.stages import STAGES
 
 # One process runs them all: what they share is made once.
 pytestmark = pytest.mark.xdist_group("cli")
@@ -275,7 +276,7 @@ def test_runs_at_once_and_workers_share_the_work_and_make_the_same_bytes(
         for workers in ("1", "2")
     ]  # fmt: skip
     assert [run.wait(timeout=300) for run in runs] == [0, 0]
-    assert len((folder / "out" / "runs.jsonl").read_text().splitlines()) == len(LABELLING)
+    assert len((folder / "out" / "runs.jsonl").read_text().splitlines()) == len(PIPELINE.labelling_stages)
     assert shards(folder) == shards(labelled)
 
 
@@ -354,7 +355,7 @@ def test_ctrl_c_is_one_line_and_leaves_no_half_file(tmp_path: Path) -> None:
 
 def test_timings_stand_beside_the_shards(labelled: Path) -> None:
     lines = [json.loads(line) for line in (labelled / "out" / "runs.jsonl").read_text().splitlines()]
-    assert [line["stage"] for line in lines] == [stage.name for stage in LABELLING]
+    assert [line["stage"] for line in lines] == [stage.name for stage in PIPELINE.labelling_stages]
 
 
 def test_the_page_of_the_stages_is_up_to_date(tmp_path: Path) -> None:

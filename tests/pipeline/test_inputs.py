@@ -11,9 +11,11 @@ import pytest
 from command import make_workspace, set_value
 from upvl_cli.commands.pipeline import PIPELINE, STAGES
 from upvl_cli.errors import NotMade
-from upvl_cli.pipeline.inputs import Inputs
+from upvl_cli.pipeline.inputs import ShardInputs
 from upvl_cli.pipeline.provenance import difference
-from upvl_cli.pipeline.workspace import Workspace, write_if_changed
+from upvl_cli.pipeline.workspace import Workspace
+from upvl_cli.runtime.atomic import write_if_changed
+from upvl_cli.stages.rows import FlowRow
 
 
 @pytest.fixture
@@ -24,16 +26,16 @@ def workspace(tmp_path: Path) -> Workspace:
 
 @pytest.mark.parametrize("stage", STAGES, ids=lambda stage: stage.name)
 def test_an_undeclared_input_cannot_be_opened(workspace: Workspace, stage) -> None:  # noqa: ANN001
-    blind = Inputs(workspace, replace(stage, reads=()), "street-0")
+    blind = ShardInputs(workspace, replace(stage, reads=()), "street-0")
     with pytest.raises(LookupError, match="not in its reads"):
-        blind.table("flow")
+        blind.table("flow", FlowRow)
     with pytest.raises(LookupError, match="not in its reads"):
         _ = blind.drive
 
 
 def test_a_declared_input_that_is_not_made_says_so(workspace: Workspace) -> None:
     with pytest.raises(NotMade, match="has not been made; run: make flow"):
-        Inputs(workspace, PIPELINE.by_name["mask"], "street-0").table("flow")
+        ShardInputs(workspace, PIPELINE.by_name["mask"], "street-0").table("flow", FlowRow)
 
 
 def test_a_stamp_holds_every_value_of_a_stage_and_those_above(workspace: Workspace) -> None:
@@ -56,7 +58,17 @@ def test_a_changed_value_changes_the_stamps_below_and_no_other(tmp_path: Path) -
         stage.name: Workspace(PIPELINE, folder / "stages", folder).stage_stamp(stage) for stage in STAGES
     }
     changed = [name for name in before if before[name] != after[name]]
-    assert changed == ["propose", "track", "amodal", "nms", "name", "pool-features", "train", "detect"]
+    assert changed == [
+        "propose",
+        "track",
+        "amodal",
+        "nms",
+        "classify",
+        "labels",
+        "pool-features",
+        "train",
+        "detect",
+    ]
     assert difference(before["nms"], after["nms"]) == "propose.max_background_share 0.75 -> 0.9"
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from command import make_workspace, set_value
 from tiny_kitti import write_drive
-from upvl_cli.commands.pipeline import PIPELINE
+from upvl_cli.commands.pipeline import PIPELINE, STAGES
 from upvl_cli.commands.status import status
 from upvl_cli.errors import BadSetting
 from upvl_cli.pipeline.presets import make, preset_workspace
@@ -50,7 +50,7 @@ def own(workspace: Workspace) -> list[str]:
     (segment,) = workspace.segments
     shards = {
         stage.name: workspace.shard(stage.name, WHOLE_DATASET if stage.is_of_dataset else segment)
-        for stage in LABELLING
+        for stage in PIPELINE.labelling_stages
     }
     return [name for name, shard in shards.items() if shard.stat().st_nlink == 1]
 
@@ -65,7 +65,7 @@ def test_a_preset_holds_all_values_and_differs_in_its_own(base: Workspace) -> No
 
 
 def test_what_is_equal_is_shared(base: Workspace) -> None:
-    assert made(base, base) == [stage.name for stage in LABELLING]
+    assert made(base, base) == [stage.name for stage in PIPELINE.labelling_stages]
     first = preset(base, "first", mask="min_speed_mps = 0.25")
     assert made(base, first) == FROM_MASK
     assert own(first) == FROM_MASK
@@ -79,7 +79,7 @@ def test_what_is_equal_is_shared(base: Workspace) -> None:
 def test_what_ships_is_made_only_as_far_as_it_is_shared(base: Workspace) -> None:
     (segment,) = base.segments
     workspace = preset(base, "bold", mask="min_speed_mps = 0.25")
-    assert made(base, workspace) == [stage.name for stage in LABELLING]
+    assert made(base, workspace) == [stage.name for stage in PIPELINE.labelling_stages]
     assert base.shard("flow", segment).samefile(workspace.shard("flow", segment))
     assert not base.shard("mask", segment).exists()
 
@@ -88,9 +88,9 @@ def test_the_folder_of_a_preset_is_a_workspace_of_its_own(base: Workspace) -> No
     workspace = preset(base, "bold", mask="min_speed_mps = 0.25")
     made(base, workspace)
     again = Workspace(PIPELINE, workspace.stages, workspace.out)  # which preset it is, the folder says
-    assert [(of.fresh, of.stale, of.missing) for of in status(again)][: len(LABELLING)] == [(1, 0, 0)] * len(
-        LABELLING
-    )
+    assert [(of.fresh, of.stale, of.missing) for of in status(again)][: len(PIPELINE.labelling_stages)] == [
+        (1, 0, 0)
+    ] * len(PIPELINE.labelling_stages)
 
 
 def test_changed_files_of_the_drive_reach_every_preset(base: Workspace) -> None:
@@ -103,7 +103,9 @@ def test_changed_files_of_the_drive_reach_every_preset(base: Workspace) -> None:
     assert made(Workspace(PIPELINE, base.stages, base.out), again) == []  # what counts is what is in them
     path.write_bytes(path.read_bytes()[:-16])
     again = preset_workspace(Workspace(PIPELINE, base.stages, base.out), "bold")
-    assert made(Workspace(PIPELINE, base.stages, base.out), again) == [stage.name for stage in LABELLING]
+    assert made(Workspace(PIPELINE, base.stages, base.out), again) == [
+        stage.name for stage in PIPELINE.labelling_stages
+    ]
 
 
 def test_a_preset_of_no_difference_shares_everything(base: Workspace) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from command import UPVL, make_workspace, upvl
-from upvl_cli.stages import LABELLING
+from upvl_cli.commands.pipeline import PIPELINE
 
 KILLS = 5
 
@@ -37,5 +37,5 @@ def test_killed_at_random_moments(tmp_path: Path) -> None:
         process.wait()
     assert upvl(killed, "autolabel", "--moving-only").returncode == 0
     assert shards(killed) == shards(whole)
-    assert len(shards(whole)) == len(LABELLING)
+    assert len(shards(whole)) == len(PIPELINE.labelling_stages)
     assert not list(killed.glob("out/**/.*.part"))

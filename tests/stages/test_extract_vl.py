@@ -67,7 +67,9 @@ def test_the_mode_is_remembered_and_left_again(labelled: Path, tmp_path: Path) -
     assert done.returncode == 0
     assert (folder / "out" / "preset").read_text() == "moving-only\n"
     lines = [line.split() for line in upvl(folder, "status").stdout.splitlines()[1:]]
-    assert {line[0] for line in lines if line[1] == "1"} == {stage.name for stage in LABELLING}
+    assert {line[0] for line in lines if line[1] == "1"} == {
+        stage.name for stage in PIPELINE.labelling_stages
+    }
     moving = sum(len(row.seven) for row in table(folder, "nms"))
     assert moving < sum(len(row.seven) for row in table(labelled, "nms"))
     made = upvl(folder, "autolabel", "--all-motion").stdout
@@ -144,7 +146,7 @@ def test_each_label_has_one_kind_in_all_frames(labelled: Path) -> None:
 
 
 def test_stages_that_are_made_once_have_one_shard(labelled: Path) -> None:
-    for stage in LABELLING:
+    for stage in PIPELINE.labelling_stages:
         if stage.is_of_dataset:
             assert [path.stem for path in (labelled / "out" / stage.name).glob("*.parquet")] == [
                 WHOLE_DATASET

@@ -69,5 +69,5 @@ def main() -> None:
             print(number, job.result(), flush=True)
 
 
-if __classify__ == "__main__":
+if __name__ == "__main__":
     main()

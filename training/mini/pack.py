@@ -37,5 +37,5 @@ def main() -> None:
         print(f"{name} {(WEIGHTS / name).stat().st_size / 2**20:.2f} MiB")
 
 
-if __classify__ == "__main__":
+if __name__ == "__main__":
     main()

@@ -87,5 +87,5 @@ def main() -> None:
     print(f"{len(tokens)} tokens, {len(table)} phrases; likeness of the mean of tokens: {np.mean(alike):.3f}")
 
 
-if __classify__ == "__main__":
+if __name__ == "__main__":
     main()

@@ -280,5 +280,5 @@ def main() -> None:
     keep(1)
 
 
-if __classify__ == "__main__":
+if __name__ == "__main__":
     main()
