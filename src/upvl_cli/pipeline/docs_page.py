@@ -80,5 +80,5 @@ def _columns(stage: AnyStage) -> Iterable[str]:
         meaning = "; ".join(
             part for part in (spec.meaning, spec.unit, spec.axes and f"{spec.axes} axes") if part
         )
-        shown = ", ".join(f"`{part}`" for part in spec.split or (spec.name or name,))
+        shown = ", ".join(f"`{part}`" for part in spec.table_names(name))
         yield f"| {shown} | {kind} | {spec.per or 'frame'} | {meaning} |"
