@@ -8,11 +8,11 @@ class UpvlError(Exception):
 
 
 class BadInput(UpvlError):
-    """A file or an array of the user's is not what it has to be."""
+    """A file or an array is not what it has to be."""
 
 
 class BadSetting(UpvlError):
-    """A value in `stages/*.toml` or on the command line is unknown, misspelt or out of range."""
+    """A value in `stages/*.toml` or on the command line is unknown, misspelled or out of range."""
 
 
 class NotMade(UpvlError):
@@ -20,5 +20,5 @@ class NotMade(UpvlError):
 
 
 def one_line(error: BaseException) -> str:
-    """The words of an error without line breaks: a message of ours is one line."""
+    """Return the message of an error without line breaks: what a user sees is one line."""
     return " ".join(str(error).split())

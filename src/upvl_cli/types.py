@@ -19,7 +19,7 @@ Bools = npt.NDArray[np.bool_]
 
 
 def array(dtype: str, *shape: int) -> Any:
-    """A field that holds one item of `shape` for each of the n things of its dataclass."""
+    """Declare a field that holds one item of `shape` for each of the n items of its dataclass."""
     return field(metadata={"dtype": dtype, "shape": shape})
 
 

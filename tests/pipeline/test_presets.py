@@ -13,7 +13,7 @@ from tiny_kitti import write_drive
 from upvl_cli.commands.pipeline import PIPELINE, STAGES
 from upvl_cli.commands.status import status
 from upvl_cli.errors import BadSetting
-from upvl_cli.pipeline.presets import make, preset_workspace
+from upvl_cli.pipeline.presets import make_labels, preset_workspace
 from upvl_cli.pipeline.stage import WHOLE_DATASET
 from upvl_cli.pipeline.workspace import Workspace
 
@@ -42,7 +42,11 @@ def preset(base: Workspace, name: str, **values: str) -> Workspace:
 def made(base: Workspace, workspace: Workspace, *others: Workspace) -> list[str]:
     """The stages of which a shard was made, not found."""
     (segment,) = base.segments
-    return [shard.stage for shard in make(base, workspace, others, segment, lambda: None) if not shard.fresh]
+    return [
+        shard.stage
+        for shard in make_labels(base, workspace, others, segment, lambda: None)
+        if not shard.fresh
+    ]
 
 
 def own(workspace: Workspace) -> list[str]:

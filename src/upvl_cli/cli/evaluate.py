@@ -60,10 +60,10 @@ def tables(
 
     from upvl_cli.cli.progress import Progress
     from upvl_cli.evaluation import paper_tables
-    from upvl_cli.pipeline.presets import remember
+    from upvl_cli.pipeline.presets import note_preset
 
     workspace = Workspace(context.obj.pipeline, context.obj.stages, context.obj.out, "")
-    remember(workspace)
+    note_preset(workspace)
     with Progress(paper_tables.shards(workspace, detectors=detectors)) as progress:
         filled = list(paper_tables.fill(workspace, progress, detectors=detectors))
     path = paper_tables.write(workspace, filled)

@@ -1,4 +1,4 @@
-"""Shows how far a run is: a live display on a terminal, one line a shard elsewhere."""
+"""Show how far a run is: a live display on a terminal, one line a shard elsewhere."""
 
 from __future__ import annotations
 
@@ -54,13 +54,13 @@ class Progress:
             print(f"{self._made} shards made, {self._fresh} were fresh", file=sys.stderr)
 
     def tick(self) -> None:
-        """One more frame is done."""
+        """Count one more frame."""
         self._frames += 1
         elapsed = self._bars.tasks[0].elapsed or 0.0
         self._bars.update(self._task, frames=self._frames, rate=self._frames / elapsed if elapsed else 0.0)
 
     def done(self, made: Made) -> None:
-        """One more shard is done."""
+        """Count one more shard."""
         self._fresh += made.fresh
         self._made += not made.fresh
         self._bars.update(self._task, advance=1, description=f"{made.stage} {made.segment}")
@@ -71,7 +71,7 @@ class Progress:
 
 
 def status_table(statuses: Sequence[StageStatus]) -> Table:
-    """The state of every stage, as a table for the terminal."""
+    """Return the state of every stage as a table for the terminal."""
     table = Table(box=None, pad_edge=False)
     table.add_column("stage")
     for name in ("fresh", "stale", "missing", "rows", "MB", "seconds"):

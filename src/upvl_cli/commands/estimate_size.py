@@ -22,7 +22,7 @@ FRAMES = 6  # of each drive, evenly spread
 R = TypeVar("R", bound=Row)
 
 
-class _Few(Generic[R]):
+class _FewRows(Generic[R]):
     """A table of which only some frames are shown."""
 
     def __init__(self, table: Rows[R], frames: tuple[int, ...]) -> None:
@@ -42,20 +42,20 @@ class _FewFrames(ShardInputs):
     """The inputs of a stage, as if the drive had a few frames only."""
 
     def table(self, name: str, row: type[R], segment: str | None = None) -> Rows[R]:
-        """The rows of the chosen frames."""
+        """Return the rows of the chosen frames."""
         table = super().table(name, row, segment)
         places = np.linspace(0, len(table) - 1, min(FRAMES, len(table))).round().astype(int)
-        return _Few(table, tuple(table.frames[place] for place in places))
+        return _FewRows(table, tuple(table.frames[place] for place in places))
 
 
 def estimate_size(workspace: Workspace, stage: AnyStage, segment: str, settings: Config) -> tuple[int, int]:
-    """Bytes that a shard will have, and those that its drive's frames in it have on average.
+    """Return the size of a shard in bytes, and that of one of its frames on average.
 
     Args:
-        workspace: Where.
-        stage: Whose shard; it makes a row of each row of `odometry`.
-        segment: Of which drive.
-        settings: The values to make it with.
+        workspace: Settings and inputs of the stage.
+        stage: A stage that makes one row of each row of `odometry`.
+        segment: Name of the drive.
+        settings: Values of the stage.
     """
     frames = len(workspace.drive(segment).frames)
     with tempfile.TemporaryDirectory() as folder:

@@ -19,7 +19,7 @@ from upvl_cli.evaluation.gather import Material, gather, labelled
 from upvl_cli.evaluation.paper import COLUMNS, TABLES, PaperRow, PaperTable, Score
 from upvl_cli.evaluation.run import STAGE_OF
 from upvl_cli.evaluation.score import detection_scores, named_scores, track_scores
-from upvl_cli.pipeline.presets import learn, make, preset_workspace
+from upvl_cli.pipeline.presets import make_detector, make_labels, preset_workspace
 from upvl_cli.pipeline.runner import Made
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.runtime.atomic import write_if_changed
@@ -140,9 +140,9 @@ def fill(
         mine = made[name] = preset_workspace(workspace, name) if name else workspace
         others = [other for other in made.values() if other not in (workspace, mine)]
         for segment in workspace.segments:
-            for shard in make(workspace, mine, others, segment, watcher.tick):
+            for shard in make_labels(workspace, mine, others, segment, watcher.tick):
                 watcher.done(shard)
-        for shard in learn(workspace, mine, others, drives, watcher.tick) if learns else ():
+        for shard in make_detector(workspace, mine, others, drives, watcher.tick) if learns else ():
             watcher.done(shard)
 
     @cache

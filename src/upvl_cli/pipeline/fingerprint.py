@@ -1,4 +1,4 @@
-"""What a drive's files hold, as one digest; read again only where a file has been touched."""
+"""A digest of the content of files, computed again only where a file has been touched."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from upvl_cli.errors import BadInput
 
 @dataclass(frozen=True)
 class Fingerprint:
-    """A digest of the content, and what it was seen from: JSON with the state of the files on this disk."""
+    """A digest of the content, and, as JSON, that digest with the state of the files on this disk."""
 
     digest: str
-    seen: str
+    cached: str
 
 
-def fingerprint(files: Sequence[Path], seen_path: Path) -> Fingerprint:
+def fingerprint(files: Sequence[Path], cache_path: Path) -> Fingerprint:
     """Digest the content of files, or find by their state on disk that it is the one digested before.
 
     The state has the times of change that the system itself keeps, so a file that was written and given
@@ -28,14 +28,14 @@ def fingerprint(files: Sequence[Path], seen_path: Path) -> Fingerprint:
 
     Args:
         files: The files of a drive.
-        seen_path: Where what was seen before is kept.
+        cache_path: File of the digest and state of the last call.
 
     Raises:
         BadInput: A file is gone or cannot be read.
     """
     try:
         state = hashlib.sha256(repr([_state(path) for path in files]).encode("utf-8", "replace")).hexdigest()
-        digest = _remembered(seen_path, state) or _digest(files)
+        digest = _cached_digest(cache_path, state) or _digest(files)
     except OSError as error:
         raise BadInput(f"{error.filename} cannot be read: {error.strerror}; was the drive moved?") from error
     return Fingerprint(digest, json.dumps({"state": state, "digest": digest}, sort_keys=True))
@@ -46,9 +46,9 @@ def _state(path: Path) -> tuple[str, int, int, int]:
     return os.path.abspath(path), found.st_size, found.st_mtime_ns, found.st_ctime_ns
 
 
-def _remembered(seen_path: Path, state: str) -> str:
+def _cached_digest(cache_path: Path, state: str) -> str:
     try:
-        seen = json.loads(seen_path.read_bytes())
+        seen = json.loads(cache_path.read_bytes())
         return str(seen["digest"]) if seen["state"] == state else ""
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return ""

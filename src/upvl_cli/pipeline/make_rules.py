@@ -12,7 +12,7 @@ from upvl_cli.runtime.atomic import write_if_changed
 
 
 def write_rules(workspace: Workspace) -> Path:
-    """Write the marks that make compares and the rules that it follows; returns the rules' path.
+    """Write the marks that make compares and the rules that it follows; return the path of the rules.
 
     A mark is rewritten only where it would differ, so a comment or a touch remakes nothing.
     """
@@ -29,12 +29,12 @@ def write_rules(workspace: Workspace) -> Path:
 
 
 def rules(pipeline: Pipeline, segments: Sequence[str], drives: Mapping[str, Sequence[str]]) -> str:
-    """The rules: one for each stage, over all segments.
+    """Return the rules, one for each stage over all segments.
 
     Args:
         pipeline: The stages, in order.
         segments: Names that are safe as words of make.
-        drives: What each stage that is made once is made from.
+        drives: For each stage of the whole dataset the drives that it is made from.
     """
     lines = ["# Made by: upvl plan", f"SEGMENTS := {' '.join(segments)}", ""]
     for stage in pipeline.stages:
@@ -47,7 +47,7 @@ def rules(pipeline: Pipeline, segments: Sequence[str], drives: Mapping[str, Sequ
 
 
 def _rule(stage: AnyStage, drives: Mapping[str, Sequence[str]]) -> list[str]:
-    """The rule of one stage; `drives` are those of each stage that is made once."""
+    """Return the rule of one stage; `drives` are those of each stage that is made once for the whole dataset."""
 
     def source(name: str) -> str:
         if name == "vlm":

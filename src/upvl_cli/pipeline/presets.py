@@ -1,4 +1,4 @@
-"""Runs presets, each a few values that differ from those that ship, and makes no shard twice."""
+"""Run presets, each a few values that differ from those of `stages/*.toml`, and make no shard twice."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from upvl_cli.errors import BadSetting, UpvlError
 from upvl_cli.pipeline.pipeline import AnyStage, Pipeline
 from upvl_cli.pipeline.runner import Made, Tick, claim_folder, make_shard
 from upvl_cli.pipeline.stage import WHOLE_DATASET
-from upvl_cli.pipeline.workspace import Workspace, joined, preset_folder
+from upvl_cli.pipeline.workspace import Workspace, join_presets, preset_folder
 from upvl_cli.runtime.atomic import write_if_changed
 
 
 def checked_preset(pipeline: Pipeline, stages: Path, name: str) -> str:
-    """The name of a preset, whose folder holds nothing but values of stages.
+    """Return the name of a preset after a look at its folder, which holds nothing but values of stages.
 
     Raises:
         BadSetting: There is no such preset, or it holds a file that no stage knows.
@@ -35,7 +35,7 @@ def checked_preset(pipeline: Pipeline, stages: Path, name: str) -> str:
 
 
 def preset_workspace(base: Workspace, name: str) -> Workspace:
-    """The workspace of a preset, with its shards in `out/tables/<name>`.
+    """Return the workspace of a preset, with its shards in `out/tables/<name>`.
 
     Args:
         base: The workspace that it differs from.
@@ -52,47 +52,47 @@ def preset_workspace(base: Workspace, name: str) -> Workspace:
     )
     for stage in base.pipeline.stages:
         workspace.settings(stage)
-    remember(workspace)
+    note_preset(workspace)
     return workspace
 
 
 def with_preset(base: Workspace, name: str, stages: Sequence[AnyStage]) -> Workspace:
-    """The workspace with a preset in place of those that have a say in some stages; noted in its folder.
+    """Return the workspace with a preset in place of those that change the same stages, and note it in its folder.
 
     Args:
-        base: The workspace.
-        name: A folder of `stages/presets`; "" leaves the stages with the values that ship.
-        stages: Which stages.
+        base: The workspace before the change.
+        name: A folder of `stages/presets`; "" leaves the stages with the values of their TOML files.
+        stages: The stages whose values the preset replaces.
 
     Raises:
         BadSetting: There is no such preset, or it holds a file that no stage knows.
     """
     others = [part for part in base.presets if not any(base.preset_file(part, stage) for stage in stages)]
-    # One without any file has no say in anything, and is left with the rest.
+    # A preset without any file changes no stage, and is dropped with the rest.
     kept = [part for part in others if any(base.preset_file(part, stage) for stage in base.pipeline.stages)]
     chosen = [checked_preset(base.pipeline, base.stages, name)] if name else []
-    workspace = Workspace(base.pipeline, base.stages, base.out, joined([*kept, *chosen]))
-    remember(workspace)
+    workspace = Workspace(base.pipeline, base.stages, base.out, join_presets([*kept, *chosen]))
+    note_preset(workspace)
     return workspace
 
 
-def remember(workspace: Workspace) -> None:
-    """Note in the folder of the shards which preset they are made with: later commands go by it."""
+def note_preset(workspace: Workspace) -> None:
+    """Write to the folder of the shards which preset they are made with: later commands use it."""
     path = workspace.out / "preset"
     if workspace.preset or path.exists():
         write_if_changed(path, f"{workspace.preset}\n")
 
 
-def make(
+def make_labels(
     base: Workspace, workspace: Workspace, others: Sequence[Workspace], segment: str, tick: Tick
 ) -> Iterator[Made]:
     """Make the labelling shards of a segment; one that another workspace makes from equal values is linked.
 
     Args:
         base: The workspace that all presets differ from; the first to lend a shard with an equal stamp.
-        workspace: Where to make them.
-        others: Presets that have been made; the next to lend one.
-        segment: Which drive.
+        workspace: The workspace whose shards are made.
+        others: Presets that have been made; the next to lend a shard with an equal stamp.
+        segment: Name of the drive.
         tick: Called after each frame.
 
     Raises:
@@ -101,19 +101,19 @@ def make(
     _link(base.mark_raw(segment), workspace.shard("raw", segment))
     for stage in base.pipeline.labelling_stages:
         drive = WHOLE_DATASET if stage.is_of_dataset else segment
-        yield _owned(base, workspace, others, stage, drive, tick)
+        yield _make_or_link(base, workspace, others, stage, drive, tick)
 
 
-def learn(
+def make_detector(
     base: Workspace, workspace: Workspace, others: Sequence[Workspace], segments: Sequence[str], tick: Tick
 ) -> Iterator[Made]:
     """Make the detector of a workspace whose labels are made, and what it finds.
 
     Args:
-        base: As for `make`.
-        workspace: Where.
-        others: As for `make`.
-        segments: The drives to look at.
+        base: As for `make_labels`.
+        workspace: The workspace whose detector is trained.
+        others: As for `make_labels`.
+        segments: Names of the drives in which the detector looks for objects.
         tick: Called after each step and each frame.
 
     Raises:
@@ -121,10 +121,10 @@ def learn(
     """
     for stage in base.pipeline.later_stages:
         for drive in (WHOLE_DATASET,) if stage.is_of_dataset else segments:
-            yield _owned(base, workspace, others, stage, drive, tick)
+            yield _make_or_link(base, workspace, others, stage, drive, tick)
 
 
-def _owned(
+def _make_or_link(
     base: Workspace,
     workspace: Workspace,
     others: Sequence[Workspace],
@@ -143,7 +143,7 @@ def _owned(
 
 
 def _link(source: Path, target: Path) -> None:
-    """The same file under a second name, or a copy of the same age where the disk knows no second names."""
+    """Link a file under a second name, or copy it with its age where the file system has no links."""
     # Not the name of a part that is written into: left behind by a kill, it would be the source itself.
     second = target.with_name(f".{target.name}.link")
     try:

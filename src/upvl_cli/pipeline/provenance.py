@@ -7,29 +7,29 @@ from collections.abc import Mapping
 from typing import Any
 
 
-def text_of(stamp: Mapping[str, Any]) -> str:
-    """The stamp as it stands in a footer, the same for equal values."""
+def to_json(stamp: Mapping[str, Any]) -> str:
+    """Return the stamp as JSON, the same text for equal values."""
     return json.dumps(stamp, sort_keys=True, allow_nan=False)
 
 
 def difference(old: str, new: str) -> str:
-    """Which values differ between two stamps, in words; those of the inputs only where no value does."""
+    """Return in words which values differ between two stamps; remade inputs are named only where no value differs."""
     before, after = _flat(old), _flat(new)
     names = [name for name in sorted(before | after) if before.get(name) != after.get(name)]
     values = [name for name in names if name != "raw.content" and not name.startswith("inputs.")]
-    told = [f"{name} {before.get(name, 'none')} -> {after.get(name, 'none')}" for name in values]
+    changes = [f"{name} {before.get(name, 'none')} -> {after.get(name, 'none')}" for name in values]
     if "raw.content" in names:
-        told.append("the drive's files have changed")
-    return ", ".join(told or [f"{name.removeprefix('inputs.')} was made anew" for name in names])
+        changes.append("the drive's files have changed")
+    return ", ".join(changes or [f"{name.removeprefix('inputs.')} was made anew" for name in names])
 
 
-def is_of_settings(told: str) -> bool:
+def is_of_settings(changes: str) -> bool:
     """Whether a `difference` is in values of settings alone, so that the old ones would make both equal again."""
-    return " -> " in told and not any(name in told for name in (".version ", ".content "))
+    return " -> " in changes and not any(name in changes for name in (".version ", ".content "))
 
 
 def _flat(stamp: str) -> dict[str, Any]:
-    """The values of a stamp by `stage.name`; nothing of one that is no stamp."""
+    """Return the values of a stamp by `stage.name`; none for a text that is no stamp."""
     flat: dict[str, Any] = {}
     try:
         for stage, maker in json.loads(stamp).items():

@@ -1,4 +1,4 @@
-"""Runs stages on segments: opens declared inputs, calls, checks, writes, stamps; skips what is fresh."""
+"""Run stages on segments: open the declared inputs, call, check, write, stamp; skip what is fresh."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Tick = Callable[[], None]
 
 @dataclass(frozen=True)
 class Made:
-    """What became of one shard."""
+    """What became of one shard: made now, or found fresh."""
 
     stage: str
     segment: str
@@ -46,13 +46,13 @@ class Made:
 def state(
     workspace: Workspace, stage: AnyStage, segment: str, settings: Config | None = None
 ) -> tuple[str, str]:
-    """Whether a shard is `fresh`, `stale` or `missing`, and why; trusts that its inputs are fresh.
+    """Return whether a shard is `fresh`, `stale` or `missing`, and why; its inputs are taken to be fresh.
 
     Args:
-        workspace: Where.
-        stage: Whose shard.
-        segment: Of which drive.
-        settings: The values it should have been made with; None takes those of the TOML file.
+        workspace: The workspace of the shard.
+        stage: The stage that makes it.
+        segment: Name of the drive.
+        settings: The values that it should have been made with; None takes those of the TOML file.
     """
     path = workspace.shard(stage.name, segment)
     footer = read_footer(path)
@@ -65,7 +65,7 @@ def state(
 
 
 def claim_folder(workspace: Workspace, stage: AnyStage, overrides: Mapping[str, object]) -> Config:
-    """The settings to run a stage with; the output folder is marked as holding them.
+    """Return the settings to run a stage with, and mark the output folder as holding them.
 
     Raises:
         BadSetting: The command line asks for other values than the folder holds.
@@ -89,10 +89,10 @@ def make_shard(workspace: Workspace, stage: AnyStage, segment: str, settings: Co
     """Make one shard, or find it fresh.
 
     Args:
-        workspace: Where.
-        stage: What to make.
-        segment: Of which drive.
-        settings: The values to make it with.
+        workspace: The workspace of the shard.
+        stage: The stage that makes it.
+        segment: Name of the drive.
+        settings: Values of the stage.
         tick: Called after each frame.
 
     Raises:
@@ -164,7 +164,7 @@ def _not_older(path: Path, workspace: Workspace, stage: AnyStage, segment: str) 
 
 
 def _checked(rows: Iterator[Row], segment: str, tick: Tick) -> Iterator[Row]:
-    """The rows as they come, each checked to be of the segment and after the one before."""
+    """Yield the rows, each checked to be of the segment and after the one before."""
     last = -1
     for row in rows:
         if row.segment != segment or row.frame <= last:
@@ -234,9 +234,9 @@ def run_all(
     """Run stages, in order, on each segment; yields as shards are made.
 
     Args:
-        workspace: Where.
-        stages: What to run, each after those it reads.
-        segments: Which drives.
+        workspace: The workspace of the shards.
+        stages: The stages to run, each after those it reads.
+        segments: Names of the drives.
         overrides: Values of the command line, for a single stage.
         workers: Processes to run segments in; 1 stays in this one.
         tick: Called after each frame, in this process only.
@@ -264,12 +264,12 @@ def run_all(
 
 
 def _raise_failures(failures: Mapping[str, UpvlError], segments: int) -> None:
-    """One drive that cannot be read does not keep the others from being labelled; then it is told."""
+    """Raise the errors of drives that failed, after the others have been made."""
     if segments == 1 and failures:
         raise next(iter(failures.values()))
     if failures:
-        told = "; ".join(f"{segment}: {error}" for segment, error in sorted(failures.items()))
-        raise UpvlError(f"{len(failures)} of {segments} drives failed, the others are done. {told}")
+        reasons = "; ".join(f"{segment}: {error}" for segment, error in sorted(failures.items()))
+        raise UpvlError(f"{len(failures)} of {segments} drives failed, the others are done. {reasons}")
 
 
 def _in_processes(
@@ -320,4 +320,4 @@ def _run_segment(
 
 
 def _no_tick() -> None:
-    """The progress of a worker process is counted by shards, in the parent."""
+    """Count nothing: the parent counts the shards of a worker process."""

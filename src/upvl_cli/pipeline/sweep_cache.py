@@ -1,4 +1,4 @@
-"""Sweeps kept on disk for a stage that reads each of them many times, where making one anew takes long.
+"""Sweeps cached on disk for a stage that reads each of them many times, where making one anew takes long.
 
 A built-in drive computes its sweeps, a second each. The folder is bounded and can be removed at any time.
 """
@@ -50,26 +50,26 @@ class CachedSweeps:
 
 
 def cached_sweeps(workspace: Workspace, segment: str, folder: Path) -> CachedSweeps:
-    """The sweeps of a drive: kept in a folder by the first call, where there is room.
+    """Return the sweeps of a drive, which the first call copies to a folder where there is room.
 
     Args:
-        workspace: Where.
-        segment: Which drive.
-        folder: Where to keep them.
+        workspace: The workspace of the drive.
+        segment: Name of the drive.
+        folder: Folder of the copies.
     """
     path, stamp = folder / f"{segment}.parquet", workspace.raw_stamp(segment)
-    if not _is_kept(path, stamp) and _size(folder) < _MOST_BYTES:
+    if not _is_cached(path, stamp) and _size(folder) < _MOST_BYTES:
         write(
             path,
             SweepRow,
             _rows(workspace.drive(segment)),
             stamp=stamp,
             counts={},
-            needed=lambda: not _is_kept(path, stamp),
+            needed=lambda: not _is_cached(path, stamp),
         )
-    if not _is_kept(path, stamp):
+    if not _is_cached(path, stamp):
         return CachedSweeps(
-            lambda frame: _opened(workspace, segment, frame), workspace.drive(segment).ground_z_m
+            lambda frame: _read_from_drive(workspace, segment, frame), workspace.drive(segment).ground_z_m
         )
     table = Table(path, SweepRow)
     return CachedSweeps(lambda frame: table[frame].points, table[table.frames[0]].ground_z_m)
@@ -90,12 +90,12 @@ def _rows(drive: Drive) -> Iterator[SweepRow]:
         )
 
 
-def _opened(workspace: Workspace, segment: str, frame: int) -> Points:
+def _read_from_drive(workspace: Workspace, segment: str, frame: int) -> Points:
     with _ONE_AT_A_TIME:  # a workspace keeps one drive open
         return workspace.drive(segment).points(frame)
 
 
-def _is_kept(path: Path, stamp: str) -> bool:
+def _is_cached(path: Path, stamp: str) -> bool:
     footer = read_footer(path)
     return footer is not None and footer.stamp == stamp
 

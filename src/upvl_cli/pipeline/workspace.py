@@ -18,7 +18,7 @@ from upvl_cli.config.toml import load, merge, read_toml
 from upvl_cli.errors import BadInput, BadSetting
 from upvl_cli.pipeline.fingerprint import Fingerprint, fingerprint
 from upvl_cli.pipeline.pipeline import AnyStage, Pipeline
-from upvl_cli.pipeline.provenance import text_of
+from upvl_cli.pipeline.provenance import to_json
 from upvl_cli.pipeline.stage import NOT_MADE, WHOLE_DATASET, C, R, Stage
 from upvl_cli.runtime.atomic import write_if_changed
 
@@ -121,21 +121,21 @@ class Workspace:
             raise BadSetting(f"unknown segment {name!r}{hint}{few}; see: upvl segments")
 
     def drive(self, segment: str) -> Drive:
-        """The opened drive; only the last one is kept open."""
+        """Return the opened drive; only the last one stays open."""
         if segment not in self._drives:
             self.check_name(segment, self.segments)
             self._drives = {segment: self.dataset.open(segment)}
         return self._drives[segment]
 
     def settings(self, stage: Stage[C, Any]) -> C:
-        """The values of a stage, as its TOML file gives them."""
+        """Return the values of a stage, from its TOML file and the presets."""
         if stage.name not in self._settings:
             self._settings[stage.name] = self.with_values(stage, {})
         found: C = self._settings[stage.name]
         return found
 
     def with_values(self, stage: Stage[C, Any], overrides: Mapping[str, object]) -> C:
-        """The values of a stage, with those of the preset over the TOML file's, and others over both."""
+        """Return the values of a stage: those of the TOML file, of the presets over them, and others over both."""
         path = self.stages / f"{stage.name}.toml"
         differing = preset_values(self.stages, self.preset, stage.name) if self.preset else {}
         if not differing:
@@ -154,7 +154,7 @@ class Workspace:
         return self.preset.split(_AND) if self.preset else []
 
     def preset_file(self, preset: str, stage: AnyStage) -> Path | None:
-        """The file with the values of a stage that a preset gives; None where it gives none."""
+        """Return the file with the values of a stage that a preset changes; None where it changes none."""
         path = self.stages / "presets" / preset / f"{stage.name}.toml"
         return path if os.path.lexists(path) else None
 
@@ -170,7 +170,7 @@ class Workspace:
         return adapter.open(weights)
 
     def shard(self, stage: str, segment: str) -> Path:
-        """Where a shard stands; `raw` stands for the mark of the drive's own files."""
+        """Return the path of a shard; `raw` has the mark of the drive's own files."""
         return self.out / stage / (f"{segment}.stamp" if stage == "raw" else f"{segment}.parquet")
 
     def table(self, stage: str, row: type[R], segment: str = WHOLE_DATASET) -> Table[R]:
@@ -189,11 +189,11 @@ class Workspace:
         return Table(self.shard(stage, segment), row)
 
     def stage_stamp(self, stage: AnyStage, settings: Config | None = None) -> str:
-        """What makes the shards of a stage, other than the drives: its settings and those before it."""
-        return text_of(self._makers(stage, settings))
+        """Return as JSON what makes the shards of a stage beside the drives: its settings and those before it."""
+        return to_json(self._makers(stage, settings))
 
     def shard_stamp(self, stage: AnyStage, segment: str, settings: Config | None = None) -> str:
-        """What makes one shard: as `stage_stamp`, with the content of the drive and of the shards it reads."""
+        """Return as JSON what makes one shard: as `stage_stamp`, with the content of the drive and of the shards it reads."""
         from upvl_cli.pipeline.tables import footer_digest
 
         sources = self.sources(stage, segment, settings)
@@ -206,10 +206,10 @@ class Workspace:
             else self._fingerprint(segment).digest
         )
         raw = {"raw": self._adapter() | {"content": content}}
-        return text_of(self._makers(stage, settings) | raw | {"inputs": made_from})
+        return to_json(self._makers(stage, settings) | raw | {"inputs": made_from})
 
     def drives_of(self, stage: AnyStage, settings: Config | None = None) -> tuple[str, ...]:
-        """The drives that the one shard of a stage of the whole dataset is made from."""
+        """Return the drives that the one shard of a stage of the whole dataset is made from."""
         values = self.settings(stage) if settings is None else settings
         globs = getattr(values, "drives", ("*",))
         return tuple(name for name in self.segments if any(fnmatchcase(name, glob) for glob in globs))
@@ -217,7 +217,7 @@ class Workspace:
     def sources(
         self, stage: AnyStage, segment: str, settings: Config | None = None
     ) -> list[tuple[str, Path]]:
-        """What a shard is made from: the name of each input, with its drive's where there are several, and its path."""
+        """Return the name of each input of a shard, with its drive where there are several, and its path."""
         found: list[tuple[str, Path]] = []
         for name in stage.reads:
             if name == "vlm":
@@ -256,23 +256,23 @@ class Workspace:
     def model_stamp(self) -> dict[str, Any]:
         """The vision-language model as stamps have it."""
         adapter, weights = self.pipeline.model(self.vlm.model)
-        seen_path = self.out / "vlm.seen"
-        found = fingerprint(adapter.files(weights), seen_path)
-        write_if_changed(seen_path, found.seen)
+        cache_path = self.out / "vlm.seen"
+        found = fingerprint(adapter.files(weights), cache_path)
+        write_if_changed(cache_path, found.cached)
         # The value names a place on this disk; what the model is, its content says.
         model = self.vlm.model.partition(":")[0]
         return {"model": model, "version": adapter.version, "content": found.digest}
 
     def mark_model(self) -> None:
         """Write `out/vlm.stamp`, which make compares, where the model is another one."""
-        write_if_changed(self.out / "vlm.stamp", text_of(self.model_stamp))
+        write_if_changed(self.out / "vlm.stamp", to_json(self.model_stamp))
 
     def raw_stamp(self, segment: str) -> str:
-        """The adapter and a digest of the content of the drive's files, as JSON."""
-        return text_of(self._adapter() | {"content": self._fingerprint(segment).digest})
+        """Return the adapter and a digest of the content of the drive's files, as JSON."""
+        return to_json(self._adapter() | {"content": self._fingerprint(segment).digest})
 
     def _digests_of(self, drives: Sequence[str]) -> dict[str, str]:
-        """The digest of each drive; one that cannot be read has none."""
+        """Return the digest of each drive that can be read."""
         digests = {}
         for drive in drives:
             with contextlib.suppress(BadInput):
@@ -281,22 +281,22 @@ class Workspace:
 
     def _fingerprint(self, segment: str) -> Fingerprint:
         if segment not in self._fingerprints:
-            self._fingerprints[segment] = fingerprint(self.drive(segment).files, self._seen_path(segment))
+            self._fingerprints[segment] = fingerprint(self.drive(segment).files, self._cache_path(segment))
         return self._fingerprints[segment]
 
-    def _seen_path(self, segment: str) -> Path:
+    def _cache_path(self, segment: str) -> Path:
         return self.out / "raw" / f"{segment}.seen"
 
     def mark_raw(self, segment: str) -> Path:
         """Write `out/raw/<segment>.stamp`, which make compares, where the drive's content has changed."""
         path = self.shard("raw", segment)
         write_if_changed(path, self.raw_stamp(segment))
-        write_if_changed(self._seen_path(segment), self._fingerprint(segment).seen)
+        write_if_changed(self._cache_path(segment), self._fingerprint(segment).cached)
         return path
 
 
 def preset_values(stages: Path, preset: str, stage: str) -> dict[str, object]:
-    """The values of a stage that a preset, or several, give; none where there is no file of that stage.
+    """Return the values of a stage that a preset, or several, change; none where there is no file of that stage.
 
     Raises:
         BadSetting: There is no such preset, or the file is no TOML.
@@ -311,7 +311,7 @@ def preset_values(stages: Path, preset: str, stage: str) -> dict[str, object]:
 
 
 def preset_folder(stages: Path, preset: str) -> Path:
-    """Where the values of a preset stand.
+    """Return the folder of a preset.
 
     Raises:
         BadSetting: There is no such preset.
@@ -325,7 +325,7 @@ def preset_folder(stages: Path, preset: str) -> Path:
 
 
 def _preset_of(out: Path) -> str:
-    """The preset that the shards of a folder were last made with."""
+    """Return the preset that the shards of a folder were last made with."""
     try:
         name = (out / "preset").read_text(encoding="utf-8").strip()
     except (OSError, ValueError):
@@ -333,6 +333,6 @@ def _preset_of(out: Path) -> str:
     return name if all(SAFE_NAME.fullmatch(part) for part in name.split(_AND)) else ""
 
 
-def joined(presets: Iterable[str]) -> str:
-    """Several presets as one, the later over the earlier."""
+def join_presets(presets: Iterable[str]) -> str:
+    """Return several presets as one, the later over the earlier."""
     return _AND.join(presets)

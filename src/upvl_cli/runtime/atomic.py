@@ -14,7 +14,7 @@ from upvl_cli.errors import UpvlError, one_line
 
 
 class NotNeeded(Exception):  # noqa: N818
-    """Leaves `atomic_file` without a file and without an error."""
+    """Raised inside `atomic_file` to leave it without a file and without an error."""
 
 
 @contextlib.contextmanager
@@ -59,7 +59,7 @@ def write_if_changed(path: Path, text: str) -> bool:
 
 @contextlib.contextmanager
 def _locked(part: Path) -> Iterator[IO[bytes]]:
-    """The part file, emptied, held against other processes; a killed process holds nothing."""
+    """Open the part file, emptied and locked against other processes; a killed process holds no lock."""
     while True:
         if part.is_symlink() or (part.exists() and not _ours(part.stat())):
             part.unlink()  # a link or a pipe: writing would end up elsewhere
@@ -74,7 +74,7 @@ def _locked(part: Path) -> Iterator[IO[bytes]]:
 
 @contextlib.contextmanager
 def _removed_on_failure(part: Path) -> Iterator[None]:
-    """Removes the part file after an error or a Ctrl-C at any moment, unless another process holds it."""
+    """Remove the part file after an error or a Ctrl-C at any moment, unless another process holds it."""
     try:
         yield
     except BaseException:

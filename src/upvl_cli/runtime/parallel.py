@@ -21,7 +21,7 @@ THREADS_VARIABLE = "UPVL_THREADS"
 
 
 def threads() -> int:
-    """How many threads a stage may use: all cores, or what `UPVL_THREADS` says.
+    """Return how many threads a stage may use: as many as there are cores, or the number in `UPVL_THREADS`.
 
     Raises:
         BadSetting: The variable is not a whole number from 1 on.
@@ -37,7 +37,7 @@ def threads() -> int:
 
 
 def in_order(function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
-    """The function of each item, in the order of the items, with as many at once as there are threads.
+    """Yield the function of each item, in the order of the items, computed by as many threads as there are cores.
 
     Args:
         function: Must not depend on what was computed before; so the results are the same on any machine.
@@ -70,7 +70,7 @@ def prepare_worker(parent: int) -> None:
 
 
 def _end_with(parent: int) -> None:
-    """A parent that was killed says nothing: its children see that they have got another one."""
+    """End this process when its parent has: a killed parent cannot tell its children."""
     while os.getppid() == parent:
         time.sleep(0.5)
     os._exit(1)
