@@ -193,7 +193,7 @@ class Workspace:
         return to_json(self._makers(stage, settings))
 
     def shard_stamp(self, stage: AnyStage, segment: str, settings: Config | None = None) -> str:
-        """Return as JSON what makes one shard: as `stage_stamp`, with the content of the drive and of the shards it reads."""
+        """Return as JSON what makes one shard: `stage_stamp`, and the content of the drive and of shards it reads."""
         from upvl_cli.pipeline.tables import footer_digest
 
         sources = self.sources(stage, segment, settings)
