@@ -89,7 +89,8 @@ def test_a_changed_value_remakes_its_stage_and_later(copy: Path) -> None:
         "track",
         "amodal",
         "nms",
-        "name",
+        "classify",
+        "labels",
         "pool-features",
     ]
 
