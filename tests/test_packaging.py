@@ -61,5 +61,13 @@ def test_version_is_printed_without_a_workspace_and_without_heavy_imports(tmp_pa
     assert done.stdout == f"upvl {PROJECT['version']}\n[]\n"
 
 
+def test_links_of_the_pages_lead_somewhere() -> None:
+    pages = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")]
+    for page in pages:
+        for target in re.findall(r"\]\(([^)#\s]+)", page.read_text(encoding="utf-8")):
+            if "://" not in target:
+                assert (page.parent / target).exists(), f"{page.name} links to {target}"
+
+
 def _normal(name: str) -> str:
     return name.strip().lower().replace("_", "-")
