@@ -39,7 +39,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = Path("src/upvl_cli")
 ROOMS = ("perception", "detector", "query")
 # Of the detector only what computes targets, losses and boxes; the rest is training, files and processes.
-DETECTOR = re.compile(r"targets|loss|decode|predict|head|anchor|cent(er|re)s")
+DETECTOR = re.compile(r"targets|assign|loss|decode|coder|predict|head|anchor|cent(er|re)s")
 FAST = ("-m", "not slow", "-p", "no:cacheprovider", "-q")
 IMPORT = ""  # the coverage context of what runs while modules are imported
 ALL_PASSED, SOME_FAILED, INTERRUPTED = (
