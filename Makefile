@@ -1,11 +1,12 @@
 # make pipeline   set up, label the built-in drive, print and draw the result
 # make test       set up, run the tests
 # make lint docs  check style and types; write docs/pipeline.md
+# make wheel-test build wheel and sdist, install the wheel elsewhere, label a short drive with it
 
 PYTHON ?= python3
 VENV ?= .venv
 UPVL_COMMAND = $(VENV)/bin/upvl
-NO_PLAN = test test-all lint docs setup
+NO_PLAN = test test-all lint docs setup wheel-test
 include workspace.mk
 
 $(OUT)/rules.mk: $(VENV)/.installed
@@ -16,7 +17,7 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	$(VENV)/bin/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
 	@touch $@
 
-.PHONY: setup test test-all lint docs
+.PHONY: setup test test-all lint docs wheel-test
 setup: $(VENV)/.installed
 
 test: setup
@@ -32,3 +33,6 @@ lint: setup
 
 docs: setup
 	$(UPVL) docs
+
+wheel-test: setup
+	PYTHON=$(VENV)/bin/python .ci/wheel

@@ -1,4 +1,4 @@
-# The pipeline of one workspace: `make` labels every drive, `make STAGE` makes one stage of it.
+# The pipeline of one workspace: `make` labels every drive and detects, `make autolabel` labels, `make STAGE` makes one stage.
 # An experiment: cp -r stages stages2, change a value, make STAGES=stages2 OUT=out2
 
 UPVL_COMMAND ?= upvl
@@ -19,7 +19,7 @@ endif
 $(OUT)/rules.mk: FORCE
 	@$(UPVL) plan
 
-pipeline: labels detect
+pipeline: autolabel detect
 	@$(UPVL) summary
 	@echo "pictures:"
 	@$(UPVL) draw

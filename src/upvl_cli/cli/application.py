@@ -28,6 +28,15 @@ DryRun = Annotated[
 Workers = Annotated[int, typer.Option(min=1, help="Processes that share the drives between them.")]
 
 
+def _print_version(asked: bool) -> None:
+    """Print the version of the installed package and end; no workspace is read and nothing heavy is loaded."""
+    if asked:
+        from importlib.metadata import version
+
+        typer.echo(f"upvl {version('upvl')}")
+        raise typer.Exit
+
+
 @app.callback()
 def workspace_options(
     context: typer.Context,
@@ -35,6 +44,10 @@ def workspace_options(
         "stages"
     ),
     out: Annotated[Path, typer.Option(envvar="UPVL_OUT", help="Folder of the results.")] = Path("out"),
+    version: Annotated[
+        bool,
+        typer.Option("--version", is_eager=True, callback=_print_version, help="Print the version and exit."),
+    ] = False,
 ) -> None:
     """Take the folders of the workspace; commands run in it and need no path."""
     context.obj = Workspace(PIPELINE, stages, out)

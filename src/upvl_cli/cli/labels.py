@@ -77,12 +77,15 @@ def plan(context: typer.Context) -> None:
 @app.command()
 def docs(
     context: typer.Context,
-    page: Annotated[Path, typer.Argument(help="The page to write.")] = Path("docs/pipeline.md"),
+    page: Annotated[
+        Path, typer.Argument(help="The page of the stages; tables.md is written beside it.")
+    ] = Path("docs/pipeline.md"),
 ) -> None:
-    """Write the page that documents the stages."""
+    """Write the pages that document the stages and the tables."""
     from upvl_cli.evaluation.config import EvalConfig
     from upvl_cli.pipeline.docs_page import Section
     from upvl_cli.pipeline.docs_page import page as page_of
+    from upvl_cli.pipeline.tables_page import tables_page
     from upvl_cli.pipeline.workspace import RawConfig, VlmConfig
     from upvl_cli.query.config import QueryConfig
     from upvl_cli.runtime.atomic import write_if_changed
@@ -98,6 +101,7 @@ def docs(
         Section("eval", "Scores labels, tracks and flow where the truth is known.", EvalConfig),
     )
     write_if_changed(page, page_of(before, STAGES, after, context.obj.stages))
+    write_if_changed(page.with_name("tables.md"), tables_page(STAGES))
 
 
 @app.command()

@@ -1,4 +1,4 @@
-"""Makes a new workspace: the settings of every stage, and a Makefile."""
+"""Make a new workspace: the settings of every stage, and a Makefile."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ def create(folder: Path) -> None:
     """Write `stages/*.toml` and a Makefile into a folder.
 
     Args:
-        folder: The new workspace; it may exist, but must not hold settings already.
+        folder: Folder of the new workspace; it may exist, but must hold neither `stages` nor `Makefile`.
 
     Raises:
-        BadSetting: It is a workspace already.
-        UpvlError: It cannot be written.
+        BadSetting: The folder holds `stages` or `Makefile` already; nothing is changed.
+        UpvlError: The folder cannot be written, or the installed package lacks the files.
     """
     source = _source()
     try:
@@ -37,7 +37,10 @@ def create(folder: Path) -> None:
 
 
 def _source() -> Path:
-    """Where the settings are: inside an installed package, or at the root of a checkout."""
+    """Return the folder that holds `stages` and `workspace.mk`.
+
+    The wheel has both in `upvl_cli/workspace` (see `force-include` in pyproject.toml); a checkout has them at its root.
+    """
     package = Path(__file__).parents[1]
     installed = package / "workspace"
     return installed if installed.is_dir() else package.parents[1]
