@@ -21,7 +21,6 @@ import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict
 from multiprocessing import get_context
 from pathlib import Path
 from typing import NamedTuple
@@ -33,7 +32,7 @@ from sklearn.cluster import DBSCAN
 from upvl_cli.config.toml import load
 from upvl_cli.geometry.se3 import apply
 from upvl_cli.metrics.flow import FlowErrors, flow_errors
-from upvl_cli.perception.flow.estimate import estimate
+from upvl_cli.perception.flow.rigid import estimate_rigid_flow
 from upvl_cli.perception.registration import align_yaw
 from upvl_cli.perception.voxels import voxelize
 from upvl_cli.stages.flow import FlowConfig
@@ -88,9 +87,8 @@ def plain(source_m: np.ndarray, target_m: np.ndarray, dt_s: float) -> np.ndarray
 
 def shipped(source_m: np.ndarray, target_m: np.ndarray, dt_s: float) -> np.ndarray:
     """The stage's algorithm with the values of `stages/flow.toml`."""
-    return (
-        estimate(source_m, target_m, dt_s, **asdict(load(FlowConfig, ROOT / "stages" / "flow.toml"))) * dt_s
-    )
+    config = load(FlowConfig, ROOT / "stages" / "flow.toml").rigid
+    return estimate_rigid_flow(source_m, target_m, dt_s, config) * dt_s
 
 
 METHODS: dict[str, Method] = {"no motion": no_motion, "plain reference": plain, "flow": shipped}
