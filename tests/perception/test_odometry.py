@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -127,3 +128,20 @@ def test_real_sweeps_give_nearly_the_poses_of_the_drive(shared: Path) -> None:
     found = estimate_poses((drive.points(frame.index).xyz_ego_m for frame in drive.frames), CONFIG)
     given = np.linalg.inv(drive.world_from_ego[0]) @ drive.world_from_ego
     assert np.linalg.norm(given[-1, :3, 3] - found[-1, :3, 3]) < 0.01 * 34
+
+
+@pytest.mark.parametrize(("warm_up_sweeps", "is_short"), [(4, False), (1, True)])
+def test_the_first_step_of_a_moving_car_has_its_full_length(warm_up_sweeps: int, is_short: bool) -> None:
+    """It is short where the car is taken to stand at first."""
+    found = estimate_poses(sweeps(5), replace(CONFIG, warm_up_sweeps=warm_up_sweeps))
+    assert (found[1, 0, 3] < 0.97) == is_short
+
+
+@pytest.mark.parametrize("body_m", [2.0, 70.0], ids=["near", "far"])
+def test_points_out_of_range_do_not_count(body_m: float) -> None:
+    """A ring that goes with the car looks as if the car stood: one of its body, or one far off."""
+    angle, z = (axis.ravel() for axis in np.meshgrid(np.linspace(0, 6.28, 400), np.linspace(0, 3, 60)))
+    ring = np.stack([body_m * np.cos(angle), body_m * np.sin(angle), z], axis=1)
+    drive = [np.concatenate([sweep, ring]) for sweep in sweeps(5)]
+    found = estimate_poses(drive, replace(CONFIG, min_range_m=3.0, max_range_m=65.0))
+    assert found[-1, 0, 3] == pytest.approx(4.0, abs=0.1)
