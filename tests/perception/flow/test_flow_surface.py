@@ -114,7 +114,7 @@ def test_neighbors_beyond_the_radius_are_left_out() -> None:
 
 def test_normals_are_those_of_the_eigenvectors() -> None:
     rng = np.random.default_rng(1)
-    cloud = rng.normal(0, 1, (300, 3)) * (1, 1, 0.12)
+    cloud = rng.normal(0, 1, (300, 3)) * (1, 1, 0.08)
     tree = build_tree(cloud)
     found = estimate_surface(one_group(cloud), tree, CONFIG)
     flat = 0
@@ -122,18 +122,15 @@ def test_normals_are_those_of_the_eigenvectors() -> None:
         distance, near = tree.query(cloud[at], k=9, distance_upper_bound=3.0)
         near = np.where(np.isfinite(distance), near, at)
         value, vector = np.linalg.eigh(np.cov(cloud[near].T, bias=True))
-        assert found.is_flat[at] == (value[0] < 0.1 * value.sum() - 1e-12 - (value[0]) * 0) or (
-            abs(value[0] / value.sum() - 0.1) < 1e-6
-        )
+        assert found.is_flat[at] == (value[0] < 0.1 * value[1])
         if found.is_flat[at]:
             flat += 1
             assert abs(found.normal[at] @ vector[:, 0]) == pytest.approx(1, abs=1e-5)
-    assert 50 < flat < 300
+    assert 30 < flat < 270
 
 
-@pytest.mark.parametrize("thickness", [0.0, 1.0], ids=["one place", "line"])
-def test_points_without_a_plane_are_not_flat(thickness: float) -> None:
-    cloud = np.outer(np.linspace(0, thickness, 12), [1.0, 2, 3])
+def test_points_in_one_place_are_not_flat() -> None:
+    cloud = np.ones((12, 3))
     assert not estimate_surface(one_group(cloud), build_tree(cloud), CONFIG).is_flat.any()
 
 

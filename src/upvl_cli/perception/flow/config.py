@@ -23,7 +23,7 @@ class FlowSurfaceConfig(Config):
         "range noise of the LiDAR, added to the point spacing that a misfit is measured in", "m", gt=0, le=1
     )
     max_flatness: float = setting(
-        "smallest eigenvalue of a neighborhood's covariance as a share of its trace below which it is a plane",
+        "smallest eigenvalue of a neighborhood's covariance, as a share of the middle one, below which it is a plane",
         gt=0,
         le=1,
     )
