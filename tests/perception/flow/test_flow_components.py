@@ -97,14 +97,17 @@ def test_of_two_objects_that_seem_to_become_one_only_the_likelier_moves() -> Non
 
 
 def test_nothing_moves_to_where_a_static_object_stands() -> None:
-    """A walker vanishes; a post of his shape, 1.5 m away, stands in both sweeps."""
+    """A walker vanishes; a post of his very shape, 1.5 m away, stands in both sweeps."""
     post = walker(10, 0, 0) + (0, 1.5, 0)
     source = np.concatenate([walker(10, 0, 0), post])
     assert np.abs(flow_mps(source, post)).max() == 0
-    alone = flow_mps(source[:150], post)
-    np.testing.assert_allclose(
-        alone.mean(axis=0), [0, 15, 0], atol=0.5, err_msg="without the post he is there"
-    )
+
+
+def test_points_without_component_may_be_what_an_object_has_become() -> None:
+    """Of a thing that is seen sparsely nine points are left: too few for a component, but they fit."""
+    source = walker(10, 0, 0, 12)
+    found = flow_mps(source, (source + (0, 1.5, 0))[:9])
+    np.testing.assert_allclose(found, np.tile([0.0, 15, 0], (12, 1)), atol=0.5)
 
 
 def test_noise_gets_no_motion() -> None:
@@ -157,12 +160,12 @@ def test_a_walker_close_to_a_parked_car_moves_in_the_second_pass() -> None:
 
 def test_a_post_close_to_a_moving_car_comes_to_rest_in_the_second_pass() -> None:
     """In the first pass it goes with the car, which has more points."""
-    source = np.concatenate([car(10, 5, 0), walker(11, 3.5, 10, 60)])
-    target = np.concatenate([car(10.6, 5.5, 1), walker(11, 3.5, 11, 60)])
+    source = np.concatenate([car(10, 5, 0), walker(11, 3.3, 10, 60)])
+    target = np.concatenate([car(10.6, 5.5, 1), walker(11, 3.3, 11, 60)])
     first = flow_mps(source, target, FIRST_PASS)
     assert np.linalg.norm(first[450:], axis=1).min() > 5
     found = flow_mps(source, target)
-    assert np.abs(found[450:]).max() == 0
+    np.testing.assert_allclose(found[450:], 0, atol=1e-9)
     np.testing.assert_allclose(found[:450].mean(axis=0), [6, 5, 0], atol=0.5)
 
 
