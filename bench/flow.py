@@ -58,12 +58,12 @@ class Measured(NamedTuple):
 
 
 def no_motion(source_m: np.ndarray, target_m: np.ndarray, dt_s: float) -> np.ndarray:
-    """Nothing moves."""
+    """Return no motion."""
     return np.zeros_like(source_m)
 
 
 def plain(source_m: np.ndarray, target_m: np.ndarray, dt_s: float) -> np.ndarray:
-    """One rigid motion a cluster, with constants set beforehand."""
+    """Fit one rigid motion to each cluster, with constants set beforehand."""
     voxels = voxelize(np.concatenate([source_m, target_m]), voxel_m=0.2)
     found = DBSCAN(eps=1.0, min_samples=10).fit(voxels.centroid, sample_weight=voxels.weight).labels_
     of_source, of_target = np.split(found[voxels.of_point], [len(source_m)])
@@ -85,7 +85,7 @@ def plain(source_m: np.ndarray, target_m: np.ndarray, dt_s: float) -> np.ndarray
 
 
 def shipped(source_m: np.ndarray, target_m: np.ndarray, dt_s: float) -> np.ndarray:
-    """The stage's algorithm with the values of `stages/flow.toml`."""
+    """Run the stage's algorithm with the values of `stages/flow.toml`."""
     config = load(FlowConfig, ROOT / "stages" / "flow.toml").rigid
     return estimate_rigid_flow(source_m, target_m, dt_s, config) * dt_s
 
