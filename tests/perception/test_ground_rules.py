@@ -113,6 +113,17 @@ def test_two_points_that_agree_are_no_ground_and_three_are() -> None:
     assert ground._is_supported(low, CONFIG).sum() == 3
 
 
+def test_a_lowest_point_without_support_does_not_lower_the_ground() -> None:
+    """At 0.45 m below its neighbors it is not deep enough for a mirror image; ground is nearly flat here."""
+    flat_land = replace(CONFIG, max_slope=0.02)
+    found = height_above_ground(raised(flat(), 5.5, 5.5, -0.45), 0.0, flat_land)
+    beside = found[(flat()[:, 0] == 5.5) & (flat()[:, 1] == 6.5)]
+    assert np.abs(beside).max() < 1e-6
+    unchecked = replace(flat_land, min_support_share=0.0, min_support_cells=1)
+    found = height_above_ground(raised(flat(), 5.5, 5.5, -0.45), 0.0, unchecked)
+    assert found[(flat()[:, 0] == 5.5) & (flat()[:, 1] == 6.5)].min() > 0.005
+
+
 def test_the_envelope_is_a_cone_over_the_lowest_cell() -> None:
     """A rise of 0.2 a metre along rows and diagonals, over 8 cells of 0.5 m and no further."""
     low = np.full((25, 25), 50.0)
@@ -203,6 +214,15 @@ def test_a_step_up_to_the_tolerance_is_ground(step_m: float, is_ground: bool) ->
     found = height_above_ground(raised(flat(), 5.5, 5.5, step_m), 0.0, alone)
     beside = found[(flat()[:, 0] == 5.5) & (flat()[:, 1] == 6.5)]
     assert (np.abs(beside) < 1e-6).all() != is_ground
+
+
+def test_on_a_slope_a_lowest_point_is_compared_with_the_plane_at_its_own_position() -> None:
+    """A hillside that rises by 0.5 a metre, seen at the upper edge of each cell."""
+    hillside = flat() + (0.45, 0, 0)
+    hillside[:, 2] = 0.5 * hillside[:, 0]
+    found = height_above_ground(hillside, 0.0, replace(CONFIG, max_slope=10.0, prior_slope=1.0))
+    inner = np.abs(hillside[:, :2]).max(axis=1) < 5
+    np.testing.assert_allclose(found[inner], 0, atol=0.1)
 
 
 def test_ground_near_an_obstacle_counts_after_the_first_planes() -> None:

@@ -96,10 +96,31 @@ def test_of_two_objects_that_seem_to_become_one_only_the_likelier_moves() -> Non
     assert np.linalg.norm(both[150:], axis=1).min() > 5, "without cells in common both would"
 
 
-def test_nothing_moves_to_where_a_static_object_stands() -> None:
-    """A walker vanishes; a post of his very shape, 1.5 m away, stands in both sweeps."""
-    post = walker(10, 0, 0) + (0, 1.5, 0)
-    source = np.concatenate([walker(10, 0, 0), post])
+def test_the_object_with_more_points_keeps_a_place_though_each_explains_less() -> None:
+    """A child fits exactly, 1 m away; a man, 1.3 m away, has more points that fit."""
+    child, man = walker(10, 0, 0) * (1, 1, 0.6), walker(10, 2.3, 1)
+    target = np.concatenate([child + (0, 1, 0), walker(10, 1, 2)])
+    found = flow_mps(np.concatenate([child[::2], man]), target)
+    assert np.abs(found[:75]).max() == 0
+    np.testing.assert_allclose(found[75:].mean(axis=0), [0, -13, 0], atol=1)
+    alone = flow_mps(child[::2], target)
+    np.testing.assert_allclose(alone.mean(axis=0), [0, 10, 0], atol=1)
+
+
+@pytest.mark.parametrize(("count", "moves"), [(4, False), (5, True)])
+def test_four_points_have_no_motion_though_a_start_fits(count: int, moves: bool) -> None:
+    """Too few for ICP, and so for any motion: the start in the middle of a cell of the vote fits exactly."""
+    body, post = walker(10, 0, 0, 12), walker(11.2, -1, 1)
+    source = np.concatenate([body[:count], post])
+    found = flow_mps(source, np.concatenate([body + (0.45, 0.45, 0), post]))
+    assert (np.abs(found).max() > 0) == moves
+
+
+@pytest.mark.parametrize("seed", [0, 1], ids=["the same points of it", "others"])
+def test_nothing_moves_to_where_a_static_object_stands(seed: int) -> None:
+    """A walker vanishes; a post of his shape, 1.5 m away, stands in both sweeps."""
+    post = walker(10, 1.5, 0)
+    source = np.concatenate([walker(10, 0, 0), walker(10, 1.5, seed)])
     assert np.abs(flow_mps(source, post)).max() == 0
 
 
@@ -143,6 +164,21 @@ def test_the_misfit_at_rest_decides_whether_a_component_is_static() -> None:
     moved = car(12, 4, 0), car(12.3, 4.2, 1)
     assert np.abs(flow_mps(*moved)).max() > 2
     assert np.abs(flow_mps(*moved, replace(CONFIG, max_static_misfit=5.0))).max() == 0
+
+
+def test_a_component_that_only_its_screening_sample_calls_dynamic_stays() -> None:
+    """A wall, and a post before it, which vanishes: it is every 20th point, and all of the screening sample.
+
+    There is a moved copy of both, which fits exactly; but of all points few are off at rest.
+    """
+    at = np.arange(640)
+    source = np.stack([0.1 * (at % 32), 10.0 + 0 * at, 0.3 + 0.1 * (at // 32)], axis=1)
+    post = at % 20 == 0
+    source[post] = np.stack([1.5 + 0 * at[:32], 9.4 + 0 * at[:32], 0.3 + 0.05 * at[:32]], axis=1)
+    target = np.concatenate([source[~post], source + (0, 1.2, 0)])
+    assert np.abs(flow_mps(source, target, FIRST_PASS)).max() == 0
+    lower = flow_mps(source, target, replace(FIRST_PASS, max_static_misfit=0.2))
+    np.testing.assert_allclose(lower, np.tile([0.0, 12, 0], (640, 1)), atol=0.5)
 
 
 def crossing(seed: int) -> np.ndarray:
