@@ -137,11 +137,11 @@ def test_the_first_step_of_a_moving_car_has_its_full_length(warm_up_sweeps: int,
     assert (found[1, 0, 3] < 0.97) == is_short
 
 
-@pytest.mark.parametrize("body_m", [2.0, 70.0], ids=["near", "far"])
-def test_points_out_of_range_do_not_count(body_m: float) -> None:
-    """A ring that goes with the car looks as if the car stood: one of its body, or one far off."""
-    angle, z = (axis.ravel() for axis in np.meshgrid(np.linspace(0, 6.28, 400), np.linspace(0, 3, 60)))
-    ring = np.stack([body_m * np.cos(angle), body_m * np.sin(angle), z], axis=1)
-    drive = [np.concatenate([sweep, ring]) for sweep in sweeps(5)]
-    found = estimate_poses(drive, replace(CONFIG, min_range_m=3.0, max_range_m=65.0))
-    assert found[-1, 0, 3] == pytest.approx(4.0, abs=0.1)
+@pytest.mark.parametrize("ring_m", [2.0, 70.0], ids=["near", "far"])
+def test_points_out_of_range_do_not_count(ring_m: float) -> None:
+    """A ring that goes with the car: the car's own body, or something far off. Not a byte changes."""
+    angle, z = (axis.ravel() for axis in np.meshgrid(np.linspace(0, 6.28, 100), np.linspace(0, 1, 10)))
+    ring = np.stack([ring_m * np.cos(angle), ring_m * np.sin(angle), z], axis=1)
+    config = replace(CONFIG, min_range_m=3.0, max_range_m=65.0)
+    found = estimate_poses([np.concatenate([sweep, ring]) for sweep in sweeps(3)], config)
+    assert found.tobytes() == estimate_poses(sweeps(3), config).tobytes()

@@ -169,6 +169,56 @@ def test_icp_finds_a_known_motion() -> None:
     np.testing.assert_allclose(found.yaw_rad, 0.1, atol=0.01)
 
 
+def lattice() -> np.ndarray:
+    """Points 2 m apart in all directions: no pair can be mistaken for another, and nothing is flat."""
+    return 2.0 * np.stack(np.meshgrid(*[np.arange(4.0)] * 3), axis=-1).reshape(-1, 3)
+
+
+def test_a_narrower_radius_leaves_out_what_a_wide_one_has_drawn() -> None:
+    """A quarter of the points is 0.8 m off: with all pairs the mean pull ends at 0.2 m, where it rests."""
+    points = lattice()
+    target = points.copy()
+    target[::4, 0] += 0.8
+    surface = surface_of(points)
+    start = static_poses(surface.groups)
+    wide = icp(surface, build_tree(target), start, (0.9,) * 6, CONFIG.icp)
+    np.testing.assert_allclose(wide.center_m - start.center_m, [[0.2, 0, 0]], atol=0.02)
+    narrowed = icp(surface, build_tree(target), start, (0.9,) * 6 + (0.3,) * 3, CONFIG.icp)
+    np.testing.assert_allclose(narrowed.center_m - start.center_m, [[0, 0, 0]], atol=0.01)
+
+
+def test_icp_goes_on_until_its_steps_are_small() -> None:
+    """Dense points step by step: the first steps are short of the way."""
+    points = box()
+    surface = surface_of(points)
+    start = static_poses(surface.groups)
+    tree = build_tree(points + (0.25, 0.15, 0))
+    found = icp(surface, tree, start, (0.5,) * 40, CONFIG.icp)
+    np.testing.assert_allclose(found.center_m - start.center_m, [[0.25, 0.15, 0]], atol=0.01)
+    one_step = icp(surface, tree, start, (0.5,), CONFIG.icp)
+    assert np.abs(one_step.center_m - found.center_m).max() > 0.02
+
+
+def test_what_no_pair_fixes_stays_as_it_is() -> None:
+    """A line of points one above the other can turn as it likes."""
+    line = np.stack([np.full(30, 5.0), np.full(30, 1.0), np.linspace(0, 2, 30)], axis=1)
+    surface = surface_of(line)
+    found = icp(surface, build_tree(line + (0.1, 0, 0)), static_poses(surface.groups), (0.5, 0.5), CONFIG.icp)
+    np.testing.assert_allclose(found.yaw_rad, 0, atol=1e-6)
+    np.testing.assert_allclose(found.center_m - surface.groups.center_m, [[0.1, 0, 0]], atol=0.01)
+
+
+def test_only_hypotheses_with_enough_pairs_step() -> None:
+    """Of three groups the middle one has no partner: the others move, each by its own way."""
+    points = np.concatenate([lattice() + (0, 30 * k, 0) for k in range(3)])
+    groups = sample_groups(points, np.repeat([0, 1, 2], 64), total=3, max_points=99)
+    surface = estimate_surface(groups, build_tree(points), CONFIG.surface)
+    target = np.concatenate([points[:64] + (0.2, 0, 0), points[128:] + (0, -0.3, 0)])
+    found = icp(surface, build_tree(target), static_poses(groups), (0.6, 0.6), CONFIG.icp)
+    expected = [[0.2, 0, 0], [0, 0, 0], [0, -0.3, 0]]
+    np.testing.assert_allclose(found.center_m - groups.center_m, expected, atol=1e-3)
+
+
 @pytest.mark.parametrize(("count", "is_solved"), [(4, False), (5, True)])
 def test_a_motion_needs_five_pairs(count: int, is_solved: bool) -> None:
     points = box()[:: 600 // count][:count]
