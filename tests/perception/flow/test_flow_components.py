@@ -194,6 +194,19 @@ def test_a_walker_close_to_a_parked_car_moves_in_the_second_pass() -> None:
     assert np.abs(first[450:]).max() == 0, "the component as a whole stands still"
 
 
+@pytest.mark.parametrize(("min_gain", "moves"), [(0.7, True), (0.8, False)])
+def test_a_part_must_gain_twice(min_gain: float, moves: bool) -> None:
+    """His motion leaves some 6 % of his misfit at rest: less than 0.3 squared, more than 0.2 squared."""
+    found = flow_mps(crossing(0), crossing(1), replace(CONFIG, min_gain=min_gain))
+    assert (np.abs(found[450:]).max() > 1e-9) == moves
+
+
+@pytest.mark.parametrize("dt_s", [0.1, -0.1])
+def test_a_fast_car_is_found_forward_and_backward_in_time(dt_s: float) -> None:
+    found = estimate_rigid_flow(car(12, 4, 0), car(12 + 24 * dt_s, 4, 1), dt_s, CONFIG)
+    np.testing.assert_allclose(found.mean(axis=0), [24, 0, 0], atol=0.4)
+
+
 def test_a_post_close_to_a_moving_car_comes_to_rest_in_the_second_pass() -> None:
     """In the first pass it goes with the car, which has more points."""
     source = np.concatenate([car(10, 5, 0), walker(11, 3.3, 10, 60)])
@@ -202,6 +215,7 @@ def test_a_post_close_to_a_moving_car_comes_to_rest_in_the_second_pass() -> None
     assert np.linalg.norm(first[450:], axis=1).min() > 5
     found = flow_mps(source, target)
     np.testing.assert_allclose(found[450:], 0, atol=1e-9)
+    np.testing.assert_array_equal(found[:450], first[:450], "what is explained keeps its motion")
     np.testing.assert_allclose(found[:450].mean(axis=0), [6, 5, 0], atol=0.5)
 
 

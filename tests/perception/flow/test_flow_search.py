@@ -250,6 +250,30 @@ def test_the_search_finds_a_far_motion_and_its_cost_grows_with_its_length() -> N
     assert cost - search(state, misfit_per_m=0.0)[1] == pytest.approx(0.1 * np.linalg.norm(shift_m), abs=1e-6)
 
 
+def test_the_fine_pass_makes_the_motion_exact() -> None:
+    """After a single coarse step with few points the pose is centimetres off."""
+    state = state_of(box(), box() + (2.0, 1.0, 0))
+    group = np.zeros(600, np.int64)
+    off_m = []
+    for fine_radii_m in ((), CONFIG.icp.fine_radii_m):
+        coarse = replace(CONFIG.icp, coarse_radii_m=(1.0,), coarse_points=20, fine_radii_m=fine_radii_m)
+        points, poses, _ = search_poses(
+            state, np.arange(600), group, state.target_m, group - 1, 1, replace(CONFIG, icp=coarse)
+        )
+        off_m.append(np.linalg.norm((poses.center_m - points.groups.center_m)[0] - (2, 1, 0)))
+    assert off_m[1] < 0.005 < 0.02 < off_m[0], off_m
+
+
+@pytest.mark.parametrize(("starts", "is_found"), [(0, False), (1, True)])
+def test_only_the_selected_starts_are_followed(starts: int, is_found: bool) -> None:
+    state = state_of(box(), box(1) + (2.0, 1.0, 0))
+    group = np.zeros(600, np.int64)
+    config = replace(CONFIG, vote=replace(CONFIG.vote, starts=starts))
+    points, poses, _ = search_poses(state, np.arange(600), group, state.target_m, group - 1, 1, config)
+    found_m = (poses.center_m - points.groups.center_m)[0]
+    assert np.allclose(found_m, (2, 1, 0), atol=0.05) == is_found
+
+
 def test_of_two_places_that_fit_alike_the_nearer_is_taken() -> None:
     state = state_of(box(), np.concatenate([box(1) + (-1.5, 2, 0), box(1) + (1, 1, 0)]))
     np.testing.assert_allclose(search(state)[0], [1, 1, 0], atol=0.05)
