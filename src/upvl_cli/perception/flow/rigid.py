@@ -61,7 +61,8 @@ def _move_components(
     """
     dynamic = _dynamic_components(state, component_of_source, config)
     of_source, of_target = relabel(component_of_source, dynamic), relabel(component_of_target, dynamic)
-    # No moving component corresponds to points of a static one; noise may be a part of it.
+    # No moving component corresponds to points of a static one, nor of one that only the second sweep has;
+    # noise may be a part of it.
     candidate = (component_of_target == NOISE) | (of_target >= 0)
     if not len(dynamic) or not candidate.any():
         return
