@@ -1,4 +1,4 @@
-"""Points gathered in a grid of cubes: the cheap stand-in for a dense cloud."""
+"""Voxel grids: points grouped by cubes, as a sparser stand-in for a dense cloud."""
 
 from __future__ import annotations
 
