@@ -9,10 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from upvl_cli.commands.check import Finding, check_drive, chosen, views
+from upvl_cli.commands.check import Finding, check_drive, image_sweep_pairs, sample_frames
+from upvl_cli.commands.check_config import CheckConfig
+from upvl_cli.config.toml import load
 from upvl_cli.geometry.se3 import apply, inverse
 from upvl_cli.types import Array, Camera, Frame, Image, Points
 
+CONFIG = load(CheckConfig, Path(__file__).parents[2] / "stages" / "check.toml")
 CAMERA = Camera(
     name="front",
     width_px=40,
@@ -67,7 +70,7 @@ class TinyDrive:
 
 
 def findings(drive: TinyDrive) -> list[Finding]:
-    return list(check_drive(drive, drive.world_from_ego))
+    return list(check_drive(drive, drive.world_from_ego, CONFIG))
 
 
 UNRIGID = replace(CAMERA, ego_from_camera=CAMERA.ego_from_camera * [[1, 1.01, 1, 1]])
@@ -101,13 +104,17 @@ def test_gaps_are_told_but_are_no_fault() -> None:
 @pytest.mark.parametrize("delay_ns", [-30_000_000, 0, 40_000_000])
 def test_a_sweep_is_moved_to_the_time_of_the_picture(delay_ns: int) -> None:
     drive = TinyDrive(delay_ns=delay_ns)
-    seen = {frame: drive.image(frame.index, "front") for frame in chosen(drive)}
-    moved = list(views(drive, {frame: image for frame, image in seen.items() if image}, drive.world_from_ego))
+    seen = {frame: drive.image(frame.index, "front") for frame in sample_frames(drive, CONFIG)}
+    moved = list(
+        image_sweep_pairs(
+            drive, {frame: image for frame, image in seen.items() if image}, drive.world_from_ego
+        )
+    )
     assert len(moved) == 5  # the first and the last lie before and after all poses
     for frame, view in zip(drive.frames, moved, strict=True):
         there = apply(inverse(pose(frame.time_ns + delay_ns)), TREES_M)
         np.testing.assert_allclose(view.xyz_ego_m, there, atol=0.01)  # the point of the other LiDAR is gone
-    still = list(views(drive, {frame: image for frame, image in seen.items() if image}, None))
+    still = list(image_sweep_pairs(drive, {frame: image for frame, image in seen.items() if image}, None))
     np.testing.assert_allclose(still[1].xyz_ego_m, drive.points(1).xyz_ego_m[:2])
 
 
@@ -117,6 +124,6 @@ def test_a_drive_without_cameras_has_nothing_to_check() -> None:
 
 def test_frames_are_spread_over_the_drive() -> None:
     drive = TinyDrive(frames=tuple(Frame(number, number) for number in range(100)), cameras=(CAMERA,) * 5)
-    picked = [frame.index for frame in chosen(drive)]
+    picked = [frame.index for frame in sample_frames(drive, CONFIG)]
     assert len(picked) == 12 and picked[0] == 0 and picked[-1] == 99
     assert np.ptp(np.diff(picked)) <= 1

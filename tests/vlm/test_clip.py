@@ -29,7 +29,7 @@ Saved = tuple[Path, Any]
 @pytest.fixture(scope="module", params=[tiny_clip.clip, tiny_clip.siglip], ids=["clip", "siglip"])
 def saved(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Saved:
     """A checkpoint and the library's own model of it."""
-    folder = tmp_path_factory.mktemp(request.param.__classify__)
+    folder = tmp_path_factory.mktemp(request.param.__name__)
     return folder, request.param(folder)
 
 

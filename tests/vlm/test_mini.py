@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from upvl_cli.errors import BadSetting
-from upvl_cli.vlm import MODELS, adapter
+from upvl_cli.vlm import MODELS, model_family
 from upvl_cli.vlm.mini import DETAIL_PX, FILES, LARGEST, WEIGHTS, Mini
 from upvl_cli.vlm.mini_text import plain
 
@@ -126,9 +126,9 @@ def test_the_package_stays_small() -> None:
 
 
 def test_models_are_named_with_their_weights() -> None:
-    assert adapter("mini") == (MODELS["mini"], "")
-    assert adapter("clip:/models/a:b") == (MODELS["clip"], "/models/a:b")
+    assert model_family("mini") == (MODELS["mini"], "")
+    assert model_family("clip:/models/a:b") == (MODELS["clip"], "/models/a:b")
     with pytest.raises(BadSetting, match="unknown model 'clipp'; did you mean 'clip'"):
-        adapter("clipp:/models/b16")
+        model_family("clipp:/models/b16")
     with pytest.raises(BadSetting, match="mini brings its own weights"):
         MODELS["mini"].files("/models/mine")

@@ -219,6 +219,8 @@ def docs(
     page: Annotated[Path, typer.Argument(help="The page to write.")] = Path("docs/pipeline.md"),
 ) -> None:
     """Write the page that documents the stages."""
+    from upvl_cli.commands.check_config import CheckConfig
+    from upvl_cli.commands.fit_background_threshold import ThresholdFitConfig
     from upvl_cli.evaluation.config import EvalConfig
     from upvl_cli.pipeline.docs_page import Section
     from upvl_cli.pipeline.docs_page import page as page_of
@@ -235,6 +237,12 @@ def docs(
     after = (
         Section("query", "Finds objects by words, in drives that need no picture.", QueryConfig),
         Section("eval", "Scores labels, tracks and flow where the truth is known.", EvalConfig),
+        Section("check", "Checks times, pictures and calibration of a drive before it is labelled.", CheckConfig),
+        Section(
+            "fit-background-threshold",
+            "Fits the background threshold of a model to unlabelled drives.",
+            ThresholdFitConfig,
+        ),
     )
     write_if_changed(page, page_of(before, STAGES, after, context.obj.stages))
 

@@ -49,7 +49,7 @@ class Clip:
 
     Attributes:
         background: Compares with neutral words, because cosines of CLIP have an offset; a start that
-            `upvl calibrate` refines.
+            `upvl fit-background-threshold` refines.
     """
 
     background = BackgroundRule(NEUTRAL, 0.0)

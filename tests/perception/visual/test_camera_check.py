@@ -10,13 +10,24 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from upvl_cli.commands.check import chosen, views
+from upvl_cli.commands.check import image_sweep_pairs, sample_frames
+from upvl_cli.commands.check_config import CheckConfig
+from upvl_cli.config.toml import load
 from upvl_cli.datasets.kitti.dataset import Kitti
 from upvl_cli.geometry.camera import project, rays
-from upvl_cli.perception.visual.camera_check import Offset, View, edges, offset, smaller, smaller_camera
-from upvl_cli.perception.visual.outlines import LEFT, RIGHT, TOP, outlines
+from upvl_cli.perception.visual.camera_check import (
+    CalibrationOffset,
+    ImageSweepPair,
+    downsample,
+    downsample_camera,
+    edge_strength,
+    estimate_offset,
+)
+from upvl_cli.perception.visual.outlines import LEFT, RIGHT, TOP, detect_outlines
 from upvl_cli.types import Array, Camera
 
+CHECK = load(CheckConfig, Path(__file__).parents[3] / "stages" / "check.toml")
+CONFIG = CHECK.camera
 CAMERA = Camera(
     name="front",
     width_px=480,
@@ -61,7 +72,7 @@ def turned(camera: Camera, fault: tuple[float, ...]) -> Camera:
     return replace(camera, ego_from_camera=camera.ego_from_camera @ motion)
 
 
-def yard(seed: int) -> View:
+def yard(seed: int) -> ImageSweepPair:
     """What the LiDAR, in the origin, and the true camera see of some boxes of several colours."""
     rng = np.random.default_rng(seed)
     at = np.stack([rng.uniform(3.5, 22, 14), rng.uniform(-0.55, 0.55, 14)], axis=1)
@@ -82,16 +93,16 @@ def yard(seed: int) -> View:
     grey = rng.uniform(30, 220, 16)[what] + rng.normal(0, 3, len(what))
     rgb = np.repeat(grey.reshape(CAMERA.height_px, CAMERA.width_px, 1), 3, axis=2)
     kept = range_m < 60
-    return View(np.clip(rgb, 0, 255).astype(np.uint8), ways[kept] * range_m[kept, None])
+    return ImageSweepPair(np.clip(rgb, 0, 255).astype(np.uint8), ways[kept] * range_m[kept, None])
 
 
 @cache
-def yards() -> tuple[View, ...]:
+def yards() -> tuple[ImageSweepPair, ...]:
     return tuple(yard(seed) for seed in range(10))
 
 
-def estimated(camera: Camera, seen: tuple[View, ...] | list[View]) -> Offset:
-    found = offset(camera, seen)
+def estimated(camera: Camera, seen: tuple[ImageSweepPair, ...] | list[ImageSweepPair]) -> CalibrationOffset:
+    found = estimate_offset(camera, seen, CONFIG)
     assert found is not None
     return found
 
@@ -102,7 +113,7 @@ def test_outlines_lie_on_the_ends_of_a_box() -> None:
     ways = np.stack([np.cos(azimuth), np.sin(azimuth), np.tan(elevation)], axis=-1).reshape(-1, 3)
     range_m, what = cast(np.zeros(3), ways, low, high)
     camera = turned(CAMERA, (0, 0, 0, 0, 0, 0))
-    found = outlines(camera, ways * range_m[:, None], 7)
+    found = detect_outlines(camera, ways * range_m[:, None], 7, CONFIG.outline)
     assert set(found.view) == {7} and (what == 0).sum() > 300
     near = found[found.xyz_m[:, 2] < 12]
     ego = near.xyz_m @ camera.ego_from_camera[:3, :3].T + camera.ego_from_camera[:3, 3]
@@ -118,49 +129,49 @@ def test_outlines_lie_on_the_ends_of_a_box() -> None:
 
 def test_a_smaller_picture_has_a_smaller_camera() -> None:
     ahead = np.array([[10.0, 1.0, 0.5], [7.0, -2.0, -0.5]])
-    small = smaller_camera(CAMERA, 2)
+    small = downsample_camera(CAMERA, 2)
     full_px, small_px = project(CAMERA, ahead)[0], project(small, ahead)[0]
     np.testing.assert_allclose(small_px, (full_px - 0.5) / 2)
-    assert smaller(np.zeros((201, 480, 3), np.uint8), 2).shape == (100, small.width_px)
+    assert downsample(np.zeros((201, 480, 3), np.uint8), 2).shape == (100, small.width_px)
 
 
 def test_an_edge_is_one_pixel_wide_and_only_across_it() -> None:
     grey = np.zeros((60, 80), np.float32)
     grey[:, 40:] = 200
-    across_columns, across_rows = edges(grey)
+    across_columns, across_rows = edge_strength(grey, CONFIG.edge_noise)
     assert (across_columns.argmax(axis=1) // 2 == 39 // 2).all() or (across_columns[:, 39:41] > 1).all()
     assert not across_columns[:, :35].any() and not across_rows.any()
 
 
 def test_a_right_calibration_is_not_reported() -> None:
     found = estimated(CAMERA, yards())
-    assert not found.is_off
-    assert np.abs(np.rad2deg(found.six[:3])).max() < 0.15 and np.abs(found.six[3:]).max() < 0.025
+    assert not found.is_fault
+    assert np.abs(np.rad2deg(found.rotation_rad)).max() < 0.15 and np.abs(found.translation_m).max() < 0.025
 
 
 @pytest.mark.parametrize("fault", FAULTS.values(), ids=FAULTS)
 def test_a_wrong_calibration_is_reported_and_measured(fault: tuple[float, ...]) -> None:
     found = estimated(turned(CAMERA, fault), yards())
-    assert found.is_off
-    wrong = found.six - np.array([*np.deg2rad(fault[:3]), *(np.array(fault[3:]) / 100)])
+    assert found.is_fault
+    wrong = found.vector - np.array([*np.deg2rad(fault[:3]), *(np.array(fault[3:]) / 100)])
     assert np.abs(np.rad2deg(wrong[:3])).max() < 0.2 and np.abs(wrong[3:]).max() < 0.03
 
 
 def test_nothing_is_said_of_what_is_not_seen() -> None:
     away = turned(CAMERA, (0, 180, 0, 0, 0, 0))
-    assert offset(away, yards()) is None
-    assert offset(CAMERA, []) is None
+    assert estimate_offset(away, yards(), CONFIG) is None
+    assert estimate_offset(CAMERA, [], CONFIG) is None
 
 
 @pytest.mark.real
 def test_a_real_calibration_is_right_until_it_is_moved(shared: Path) -> None:
     dataset = Kitti(shared / "data/kitti_raw_a")
     drive = dataset.open(dataset.segments[0])
-    frames = chosen(drive)[::2]
+    frames = sample_frames(drive, CHECK)[::2]
     camera = drive.cameras[0]
     pictures = {frame: drive.image(frame.index, camera.name) for frame in frames}
-    seen = list(views(drive, {frame: image for frame, image in pictures.items() if image}, None))
+    seen = list(image_sweep_pairs(drive, {frame: image for frame, image in pictures.items() if image}, None))
     assert len(seen) == 10
-    assert not estimated(camera, seen).is_off
+    assert not estimated(camera, seen).is_fault
     found = estimated(turned(camera, (0, 0, 0, 5, 0, 0)), seen)
-    assert found.is_off and 0.03 < found.six[3] < 0.07
+    assert found.is_fault and 0.03 < found.vector[3] < 0.07

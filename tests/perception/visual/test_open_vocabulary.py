@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from upvl_cli.perception.visual.open_vocabulary import KEPT, Basis, background_score, fit
+from upvl_cli.perception.visual.open_vocabulary import COMPONENTS, Basis, background_score, fit
 
 
 def directions(count: int, dim: int, rank: int, seed: int = 0) -> np.ndarray:
@@ -25,18 +25,18 @@ def basis() -> Basis:
 
 
 def test_all_variance_of_features_of_few_dimensions_is_kept(basis: Basis) -> None:
-    assert basis.components.shape == (KEPT, 96)
+    assert basis.components.shape == (COMPONENTS, 96)
     assert basis.variance_kept == pytest.approx(1.0, abs=1e-6)
 
 
 def test_cosines_are_those_of_the_full_space(basis: Basis) -> None:
     features, words = directions(300, 96, 40), unit(np.random.default_rng(1).normal(size=(7, 96)))
     exact = unit(features) @ words.T
-    codes = basis.rounded(basis.kept(features))
+    codes = basis.quantize(basis.project(features))
     assert codes.dtype == np.int8
     np.testing.assert_allclose(basis.cosines(codes, words), exact, atol=0.012)  # eight bits a value
     # Against the formula written out: the feature is rebuilt, and compared.
-    rebuilt = basis.mean + basis.values(codes) @ basis.components
+    rebuilt = basis.mean + basis.dequantize(codes) @ basis.components
     np.testing.assert_allclose(basis.cosines(codes, words), unit(rebuilt) @ words.T, atol=1e-5)
 
 
@@ -57,14 +57,14 @@ def test_a_model_of_few_dimensions_has_axes_of_zeros() -> None:
     words = np.eye(5)
     features = directions(20, 5, 5, seed=3)
     np.testing.assert_allclose(
-        basis.cosines(basis.rounded(basis.kept(features)), words), unit(features), atol=0.02
+        basis.cosines(basis.quantize(basis.project(features)), words), unit(features), atol=0.02
     )
 
 
 def test_without_a_picture_there_is_nothing_to_keep() -> None:
     basis = fit([], 6)
     assert basis.variance_kept == 0
-    assert not basis.rounded(basis.kept(np.ones((2, 6)))).any()
+    assert not basis.quantize(basis.project(np.ones((2, 6)))).any()
 
 
 def test_the_score_is_the_best_word_less_the_best_of_the_others() -> None:

@@ -2,32 +2,37 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from upvl_cli.config.toml import load
 from upvl_cli.geometry.se3 import from_yaw
 from upvl_cli.perception.visual.views import (  # fmt: skip
     NO_CAMERA,
     NO_VIEW,
     OCCLUDED,
     SEEN,
-    View,
-    _behind,
-    at_time,
-    best,
-    sampled,
-    view,
+    Visibility,
+    _behind_raised,
+    best_camera,
+    move_to_time,
+    sample_bilinear,
+    visibility,
 )
+from upvl_cli.stages.extract_vl import ExtractVlConfig
 from upvl_cli.types import Camera
 
 AHEAD = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 CAMERA = Camera("front", 640, 400, np.array([[500.0, 0, 320], [0, 500, 200], [0, 0, 1]]), np.zeros(5), AHEAD)
-LIMITS = {"border_px": 2.0, "gap_deg": 0.9, "closer_m": 0.5, "closer_share": 0.1}
+CONFIG = load(ExtractVlConfig, Path(__file__).parents[3] / "stages" / "extract-vl.toml").visibility
 
 
 def states(xyz: np.ndarray, stands: np.ndarray | None = None, glass_m: float = 0.0) -> np.ndarray:
     stands = np.zeros(len(xyz), bool) if stands is None else stands
-    return view(CAMERA, xyz, stands, glass_m=glass_m, **LIMITS).state
+    return visibility(CAMERA, xyz, stands, replace(CONFIG, glass_height_m=glass_m)).state
 
 
 def wall(x: float, y: tuple[float, float], z: tuple[float, float], step_deg: float = 0.3) -> np.ndarray:
@@ -90,8 +95,9 @@ def test_ground_behind_what_stands_as_told_row_by_row() -> None:
                 max(row[place] - reach, 0) : row[place] + 1, max(column[place] - 1, 0) : column[place] + 2
             ]
             np.minimum(cells, depth_m[place], out=cells)
+        config = replace(CONFIG, glass_height_m=1.0)
         expected = ~stands & (nearest[row, column] < 0.7 * depth_m)
-        np.testing.assert_array_equal(_behind(uv_px, depth_m, stands, 500), expected)
+        np.testing.assert_array_equal(_behind_raised(uv_px, depth_m, stands, 500, config), expected)
 
 
 def test_no_points() -> None:
@@ -99,23 +105,25 @@ def test_no_points() -> None:
 
 
 def test_the_best_view_is_the_one_farthest_from_its_border() -> None:
-    def one(state: list[int], inset: list[float]) -> View:
-        return View(np.zeros((4, 2)), np.array(state, np.int8), np.array(inset))
+    def one(state: list[int], inset: list[float]) -> Visibility:
+        return Visibility(np.zeros((4, 2)), np.array(state, np.int8), np.array(inset))
 
     left = one([SEEN, SEEN, OCCLUDED, NO_VIEW], [10, 50, 90, -1])
     right = one([SEEN, OCCLUDED, NO_VIEW, NO_VIEW], [40, 90, -1, -1])
-    choice = best([left, right], 4)
+    choice = best_camera([left, right], 4)
     assert choice.camera.tolist() == [1, 0, NO_CAMERA, NO_CAMERA]
     assert choice.state.tolist() == [SEEN, SEEN, OCCLUDED, NO_VIEW]
-    assert best([], 2).state.tolist() == [NO_VIEW, NO_VIEW]
+    assert best_camera([], 2).state.tolist() == [NO_VIEW, NO_VIEW]
 
 
 def test_points_are_brought_to_the_time_of_the_picture() -> None:
     frame, image = from_yaw(0.0, np.array([100.0, 0, 0])), from_yaw(0.0, np.array([101.0, 0, 0]))
     # The car goes on by 1 m; the second point moves on by 2 m/s for 0.1 s.
-    xyz = at_time(np.array([[10.0, 0, 0], [10, 0, 0]]), np.array([[0.0, 0, 0], [2, 0, 0]]), 0.1, frame, image)
+    xyz = move_to_time(
+        np.array([[10.0, 0, 0], [10, 0, 0]]), np.array([[0.0, 0, 0], [2, 0, 0]]), 0.1, frame, image
+    )
     np.testing.assert_allclose(xyz, [[9, 0, 0], [9.2, 0, 0]], atol=1e-9)
-    np.testing.assert_allclose(at_time(xyz, None, 0.1, frame, frame), xyz)
+    np.testing.assert_allclose(move_to_time(xyz, None, 0.1, frame, frame), xyz)
 
 
 @pytest.mark.parametrize("cell", [4, 8])
@@ -125,6 +133,6 @@ def test_features_are_sampled_where_the_pixel_lies(cell: int) -> None:
     across, down = np.meshgrid((np.arange(wide) + 0.5) * cell - 0.5, (np.arange(high) + 0.5) * cell - 0.5)
     cells = np.stack([across, down], axis=2).astype(np.float32)
     uv = np.random.default_rng(0).uniform([cell, cell], [640 - cell, 400 - cell], (50, 2))
-    np.testing.assert_allclose(sampled(cells, uv, 640, 400), uv, atol=1e-3)
+    np.testing.assert_allclose(sample_bilinear(cells, uv, 640, 400), uv, atol=1e-3)
     corners = np.array([[-0.5, -0.5], [639.5, 399.5]])
-    np.testing.assert_allclose(sampled(cells, corners, 640, 400), [cells[0, 0], cells[-1, -1]])
+    np.testing.assert_allclose(sample_bilinear(cells, corners, 640, 400), [cells[0, 0], cells[-1, -1]])
