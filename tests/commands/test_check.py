@@ -105,16 +105,13 @@ def test_gaps_are_told_but_are_no_fault() -> None:
 def test_a_sweep_is_moved_to_the_time_of_the_picture(delay_ns: int) -> None:
     drive = TinyDrive(delay_ns=delay_ns)
     seen = {frame: drive.image(frame.index, "front") for frame in sample_frames(drive, CONFIG)}
-    moved = list(
-        image_sweep_pairs(
-            drive, {frame: image for frame, image in seen.items() if image}, drive.world_from_ego
-        )
-    )
+    images = {frame: image for frame, image in seen.items() if image}
+    moved = list(image_sweep_pairs(drive, images, drive.world_from_ego))
     assert len(moved) == 5  # the first and the last lie before and after all poses
     for frame, view in zip(drive.frames, moved, strict=True):
         there = apply(inverse(pose(frame.time_ns + delay_ns)), TREES_M)
         np.testing.assert_allclose(view.xyz_ego_m, there, atol=0.01)  # the point of the other LiDAR is gone
-    still = list(image_sweep_pairs(drive, {frame: image for frame, image in seen.items() if image}, None))
+    still = list(image_sweep_pairs(drive, images, None))
     np.testing.assert_allclose(still[1].xyz_ego_m, drive.points(1).xyz_ego_m[:2])
 
 

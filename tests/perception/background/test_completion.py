@@ -80,3 +80,29 @@ def test_a_sweep_without_points() -> None:
         np.zeros(0, np.int8), np.zeros(0, bool), np.zeros((0, 3)), shapes(np.zeros((0, 3)), np.zeros(0))
     )
     assert completion([nothing]).complete(nothing).shape == (0,)
+
+
+def test_a_place_seen_at_another_time_comes_before_the_shape() -> None:
+    """A house front that a camera took for an object stays one at its place, whatever its shape says."""
+    sweep, house = street()
+    asked = (sweep.background == UNKNOWN) & (house == 1)
+    later = replace(sweep, background=np.where(asked, 0, UNKNOWN))
+    found = completion([sweep, later]).complete(sweep)
+    assert (found[asked] == 0).all()
+    by_shape = completion([sweep]).complete(sweep)
+    assert (by_shape[asked] == 1).mean() > 0.95
+
+
+def test_what_moved_when_it_was_seen_is_not_remembered() -> None:
+    sweep, _ = street()
+    plain = replace(sweep, shape=None)
+    asked = plain.background == UNKNOWN
+    passing = replace(plain, background=np.zeros(len(asked), int), is_moving=np.ones(len(asked), bool))
+    assert (completion([plain, passing]).complete(plain)[asked] == UNKNOWN).all()
+
+
+def test_a_seen_point_keeps_its_own_state() -> None:
+    sweep, house = street()
+    others = [replace(sweep, background=1 - house) for _ in range(3)]
+    known = sweep.background != UNKNOWN
+    assert (completion([sweep, *others]).complete(sweep)[known] == house[known]).all()

@@ -78,3 +78,23 @@ def test_a_track_is_as_much_background_as_its_points_of_all_frames() -> None:
     share = background_of_tracks(np.array([7, 9, 7, 9]), frames)
     np.testing.assert_allclose(share, [0.4, 0, 0.4, 0])
     assert background_of_tracks(np.zeros(0, int), []).shape == (0,)
+
+
+def test_words_keep_what_moves_where_the_rule_is_off() -> None:
+    seen, fast = np.array([1, 1, 0, UNKNOWN]), np.array([True, False, True, True])
+    assert applied(seen, fast, "keep", foreground=False) == [1, 1, 0, UNKNOWN]
+    assert applied(seen, fast, "moving", foreground=False) == [1, 1, 0, UNKNOWN]
+
+
+def test_the_score_is_the_best_background_word_less_the_best_other() -> None:
+    rule = BackgroundClassifier(BASIS, np.array([ROAD, TREE]), np.array([CAR]), 0.0)
+    found = rule.score(kept(ROAD, TREE + CAR, CAR))
+    np.testing.assert_allclose(found, [1, 0, -1], atol=0.02)
+
+
+def test_a_score_at_the_threshold_is_background() -> None:
+    plain = BackgroundClassifier(BASIS, np.array([ROAD]), np.zeros((0, 3)), 0.0)
+    exact = float(plain.score(kept(ROAD + 0.3 * CAR))[0])
+    for threshold, state in ((exact, 1), (np.nextafter(np.float32(exact), np.float32(2)), 0)):
+        rule = BackgroundClassifier(BASIS, np.array([ROAD]), np.zeros((0, 3)), threshold)
+        assert rule.classify(np.array([SEEN]), kept(ROAD + 0.3 * CAR)).tolist() == [state]

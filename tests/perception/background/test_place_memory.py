@@ -35,3 +35,31 @@ def test_of_other_places_nothing_is_known() -> None:
     assert (memory.lookup(WALL + [0, 2 * RADIUS_M + 0.3, 0]) == UNKNOWN).all()
     assert memory.lookup(np.zeros((0, 3))).shape == (0,)
     assert (fitted([]).lookup(CAR) == UNKNOWN).all()
+
+
+def test_sweeps_count_with_their_points() -> None:
+    """Nine points of one sweep outvote one point of each of two others, in the same voxel."""
+    spot = np.full((9, 3), 0.1)
+    memory = fitted([(spot, np.ones(9, bool)), (spot[:1], np.zeros(1, bool)), (spot[:1], np.zeros(1, bool))])
+    assert memory.share.tolist() == [9 / 11]
+    assert memory.lookup(spot[:1]).tolist() == [1]
+
+
+def test_half_of_the_points_make_a_place_background() -> None:
+    spot = np.full((2, 3), 0.1)
+    assert fitted([(spot, np.array([True, False]))]).lookup(spot).tolist() == [1, 1]
+    three = np.full((3, 3), 0.1)
+    assert fitted([(three, np.array([True, False, False]))]).lookup(spot).tolist() == [0, 0]
+
+
+def test_a_place_reaches_as_far_as_its_radius() -> None:
+    memory = fitted([(np.full((1, 3), 0.1), np.ones(1, bool))])
+    away = np.full((2, 3), 0.1)
+    away[:, 0] += RADIUS_M - 0.01, RADIUS_M + 0.01
+    assert memory.lookup(away).tolist() == [1, UNKNOWN]
+
+
+def test_the_nearest_place_counts() -> None:
+    points = np.array([[0.1, 0.1, 0.1], [0.6, 0.1, 0.1]])
+    memory = fitted([(points, np.array([True, False]))])
+    assert memory.lookup(np.array([[0.3, 0.1, 0.1], [0.4, 0.1, 0.1]])).tolist() == [1, 0]

@@ -17,14 +17,15 @@ from upvl_cli.datasets.kitti.dataset import Kitti
 from upvl_cli.geometry.camera import project, rays
 from upvl_cli.perception.visual.camera_check import (
     CalibrationOffset,
+    EdgeAgreement,
     ImageSweepPair,
     downsample,
     downsample_camera,
     edge_strength,
     estimate_offset,
 )
-from upvl_cli.perception.visual.outlines import LEFT, RIGHT, TOP, detect_outlines
-from upvl_cli.types import Array, Camera
+from upvl_cli.perception.visual.outlines import LEFT, RIGHT, TOP, Outlines, detect_outlines
+from upvl_cli.types import Array, Camera, concat
 
 CHECK = load(CheckConfig, Path(__file__).parents[3] / "stages" / "check.toml")
 CONFIG = CHECK.camera
@@ -161,6 +162,79 @@ def test_nothing_is_said_of_what_is_not_seen() -> None:
     away = turned(CAMERA, (0, 180, 0, 0, 0, 0))
     assert estimate_offset(away, yards(), CONFIG) is None
     assert estimate_offset(CAMERA, [], CONFIG) is None
+
+
+def agreement(blur_px: float = 3.0, pairs: int = 3) -> EdgeAgreement:
+    """Edge agreement of a few yards at the right calibration."""
+    seen = yards()[:pairs]
+    parts = [
+        detect_outlines(CAMERA, pair.xyz_ego_m, number, CONFIG.outline) for number, pair in enumerate(seen)
+    ]
+    strengths = np.stack([edge_strength(downsample(pair.rgb, 1), CONFIG.edge_noise) for pair in seen])
+    return EdgeAgreement(CAMERA, concat(parts, Outlines), strengths, blur_px, CONFIG)
+
+
+def test_the_gradient_of_the_loss_is_its_slope() -> None:
+    fitted = agreement()
+    state = np.array([0.3, -0.2, 0.4, -0.5, 0.2, 0.6])
+    _, gradient = fitted.loss(state)
+    step = 1e-3 * np.eye(6)
+    slopes = [(fitted.loss(state + move)[0] - fitted.loss(state - move)[0]) / 2e-3 for move in step]
+    np.testing.assert_allclose(gradient, slopes, rtol=0.05, atol=1e-3)  # the lens is not in the gradient
+
+
+def test_the_prior_pulls_by_its_weight() -> None:
+    state = np.array([1.0, 0, 0, 0, 1, 0])
+    fitted = agreement(pairs=1)
+    value, gradient = fitted.loss(state)
+    mean, slope = fitted.evaluate(state)
+    # 2 degrees are 10 units, 10 cm are 5.
+    assert value + mean.mean() == pytest.approx(0.01 * (1 / 100 + 1 / 25) / 2)
+    expected = 0.01 * np.array([1 / 100, 0, 0, 0, 1 / 25, 0])
+    np.testing.assert_allclose(gradient + slope.mean(axis=0), expected, atol=1e-9)
+
+
+def test_only_the_first_parameters_change_where_the_others_are_fixed() -> None:
+    start = np.array([0.0, 0, 0, 0.5, -0.5, 0.25])
+    found = agreement(pairs=1).maximize(start, 3)
+    np.testing.assert_array_equal(found[3:], start[3:])
+    assert np.abs(found[:3]).min() > 0
+
+
+def test_a_side_is_compared_with_edges_across_it_alone() -> None:
+    """A picture of upright edges gives upper outlines nothing, and one of level edges side outlines nothing."""
+    fitted = agreement(pairs=1)
+    for channel, sides in ((0, (LEFT, RIGHT)), (1, (TOP,))):
+        strengths = np.zeros((1, 2, CAMERA.height_px, CAMERA.width_px), np.float32)
+        strengths[:, channel] = 1
+        value, _ = EdgeAgreement(CAMERA, fitted.outlines, strengths, 1.0, CONFIG).evaluate(np.zeros(6))
+        assert (value > 0)[np.isin(fitted.outlines.side, sides)].mean() > 0.9
+        assert not value[~np.isin(fitted.outlines.side, sides)].any()
+
+
+def test_outlines_outside_of_the_picture_count_nothing() -> None:
+    fitted = agreement(pairs=1)
+    value, slope = fitted.evaluate(np.zeros(6), np.array([2000.0, 0]))
+    assert not value.any() and not slope.any()
+
+
+def test_a_fault_is_more_than_the_tolerance_and_its_uncertainty() -> None:
+    """With sigmas of 0.1 degrees and 1 cm: 2.6 sigmas beyond 0.1 degrees and 1 cm are 0.36 degrees and 3.6 cm."""
+    covariance = np.diag(np.concatenate([np.full(3, np.deg2rad(0.1)), np.full(3, 0.01)]) ** 2)
+    for axis in range(6):
+        unit = np.eye(6)[axis] * (np.deg2rad(1) if axis < 3 else 0.1)  # ten sigmas
+        for size, faulty in ((0.35, False), (0.37, True), (-0.37, True)):
+            assert CalibrationOffset(size * unit, covariance, 1, CONFIG).is_fault is faulty
+        right = CalibrationOffset(np.zeros(6), covariance, 1, CONFIG)
+        assert not right.would_detect(0.45 * unit) and right.would_detect(0.47 * unit)  # one sigma to spare
+
+
+def test_less_data_is_less_certain() -> None:
+    few, many = (
+        estimate_offset(CAMERA, yards()[:count], replace(CONFIG, min_outlines=1)) for count in (3, 10)
+    )
+    assert few is not None and many is not None
+    assert (few.sigma[:3] > many.sigma[:3]).all() and few.outlines < many.outlines
 
 
 @pytest.mark.real

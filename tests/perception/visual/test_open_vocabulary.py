@@ -71,3 +71,51 @@ def test_the_score_is_the_best_word_less_the_best_of_the_others() -> None:
     cosines = np.array([[0.1, 0.5], [0.3, -0.2]])
     np.testing.assert_allclose(background_score(cosines, np.zeros((2, 0))), [0.5, 0.3])
     np.testing.assert_allclose(background_score(cosines, np.array([[0.2, 0.1], [0.4, 0.0]])), [0.3, -0.1])
+
+
+def test_codes_are_the_nearest_steps_and_saturate() -> None:
+    scale = np.zeros(COMPONENTS, np.float32)
+    scale[:2] = 0.5, 0.25
+    basis = Basis(np.zeros(2), np.zeros((COMPONENTS, 2)), scale, 1.0)
+    values = np.zeros((4, COMPONENTS))
+    values[:, 0], values[:, 1] = (0.74, 0.76, -500, 500), (0.12, 0.13, -0.6, 0)
+    codes = basis.quantize(values)
+    assert codes[:, 0].tolist() == [1, 2, -127, 127] and codes[:, 1].tolist() == [0, 1, -2, 0]
+    np.testing.assert_allclose(basis.dequantize(codes)[:2, :2], [[0.5, 0], [1, 0.25]])
+
+
+def test_a_feature_is_projected_at_length_one_and_from_the_mean() -> None:
+    """By hand: z = W (f / |f| - m) with f / |f| = (0.6, 0.8)."""
+    components = np.zeros((COMPONENTS, 2))
+    components[:2] = [[0.0, 1.0], [1.0, 0.0]]
+    basis = Basis(np.array([0.1, 0.2]), components, np.ones(COMPONENTS), 1.0)
+    found = basis.project(np.array([[3.0, 4.0], [30.0, 40.0]]))
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found[:, :3], [[0.6, 0.5, 0]] * 2, atol=1e-6)
+
+
+def test_the_largest_value_of_any_batch_has_the_largest_code() -> None:
+    """Only the last value in the middle batch is far along the first axis."""
+    small = np.column_stack([np.linspace(-0.1, 0.1, 50), np.ones(50)])
+    large = small.copy()
+    large[7] = 0.5, 1
+    basis = fit([small, large, small], 2)
+    codes = basis.quantize(basis.project(large))
+    assert np.abs(codes[:, 0]).max() == 127 and np.abs(codes[:, 0]).argmax() == 7
+    assert np.abs(basis.quantize(basis.project(small))[:, 0]).max() < 60
+
+
+def test_the_share_of_variance_is_that_of_the_components() -> None:
+    features = directions(4000, 100, 100)
+    basis = fit((features[first : first + 1000] for first in range(0, 4000, 1000)), 100)
+    full = unit(features) - unit(features).mean(axis=0)
+    variance = np.linalg.svd(full, compute_uv=False) ** 2
+    assert basis.variance_kept == pytest.approx(variance[:COMPONENTS].sum() / variance.sum(), abs=0.03)
+
+
+def test_a_feature_without_length_has_the_cosine_of_the_mean() -> None:
+    basis = Basis(np.array([0.6, 0.0]), np.zeros((COMPONENTS, 2)), np.ones(COMPONENTS), 1.0)
+    codes = np.zeros((1, COMPONENTS), np.int8)
+    np.testing.assert_allclose(
+        basis.cosines(codes, np.array([[1.0, 0], [0, 1], [0.6, 0.8]])), [[1, 0, 0.6]], atol=1e-6
+    )

@@ -136,3 +136,81 @@ def test_features_are_sampled_where_the_pixel_lies(cell: int) -> None:
     np.testing.assert_allclose(sample_bilinear(cells, uv, 640, 400), uv, atol=1e-3)
     corners = np.array([[-0.5, -0.5], [639.5, 399.5]])
     np.testing.assert_allclose(sample_bilinear(cells, corners, 640, 400), [cells[0, 0], cells[-1, -1]])
+
+
+def test_a_point_is_in_view_from_the_border_on() -> None:
+    """The picture spans y from -6.4 to 6.38 m at a depth of 10 m, and z from -4 to 3.98 m."""
+    px_m = 10 / 500
+    inset_px = np.array([1.9, 2.1])
+    left = np.column_stack([[10.0, 10], (320.5 - inset_px) * px_m, [0, 0]])
+    right = np.column_stack([[10.0, 10], -(319.5 - inset_px) * px_m, [0, 0]])
+    top = np.column_stack([[10.0, 10], [0, 0], (200.5 - inset_px) * px_m])
+    bottom = np.column_stack([[10.0, 10], [0, 0], -(199.5 - inset_px) * px_m])
+    for points in (left, right, top, bottom):
+        seen = visibility(CAMERA, points, np.zeros(2, bool), CONFIG)
+        np.testing.assert_allclose(seen.inset_px, inset_px, atol=1e-6)
+        assert seen.state.tolist() == [NO_VIEW, SEEN]
+
+
+def at(u_px: float, v_px: float, depth_m: float) -> list[float]:
+    """A point that appears at a pixel."""
+    return [depth_m, (320 - u_px) * depth_m / 500, (200 - v_px) * depth_m / 500]
+
+
+@pytest.mark.parametrize(
+    ("offsets_px", "occluded"),
+    [
+        ([(-8, 0), (8, 0)], True),  # left and right
+        ([(0, -8), (0, 8)], True),  # above and below
+        ([(-8, 0), (0, 8)], False),  # left and below only
+        ([(-8, 0)], False),
+        ([(0, 8)], False),
+        ([(-8, 2), (8, -2)], True),  # a neighboring row of cells counts
+        ([(-8, 4), (8, 4)], False),  # the next one does not
+        ([(-12, 0), (12, 0)], False),  # beyond the gap of 0.9 degrees, 7.85 pixels: 4 cells
+    ],
+)
+def test_closer_surfaces_on_both_sides_occlude_a_point(
+    offsets_px: list[tuple[int, int]], occluded: bool
+) -> None:
+    point = at(300, 150, 20)
+    around = [at(300 + du, 150 + dv, 16) for du, dv in offsets_px]  # not below 0.7 of the depth
+    assert states(np.array([point, *around]))[0] == (OCCLUDED if occluded else SEEN)
+
+
+@pytest.mark.parametrize(("closer_m", "occluded"), [(17.6, False), (17.4, True)])
+def test_what_occludes_is_closer_by_half_a_meter_and_a_tenth(closer_m: float, occluded: bool) -> None:
+    sides = [at(292, 150, closer_m), at(308, 150, closer_m)]  # the limit is 20 - 0.5 - 2 m
+    assert states(np.array([at(300, 150, 20), *sides]))[0] == (OCCLUDED if occluded else SEEN)
+    one_side = [at(292, 150, 10), at(308, 150, 19.9)]
+    assert states(np.array([at(300, 150, 20), *one_side]))[0] == OCCLUDED, (
+        "very much closer: one side is enough"
+    )
+
+
+@pytest.mark.parametrize(("closer_m", "occluded"), [(14.1, False), (13.9, True)])
+@pytest.mark.parametrize("offset", [(-8, 0), (8, 0), (0, -8), (0, 8)])
+def test_what_is_closer_than_seven_tenths_occludes_from_any_one_side(
+    offset: tuple[int, int], closer_m: float, occluded: bool
+) -> None:
+    near = at(300 + offset[0], 150 + offset[1], closer_m)
+    assert states(np.array([at(300, 150, 20), near]))[0] == (OCCLUDED if occluded else SEEN)
+
+
+def test_the_nearest_point_of_a_cell_counts() -> None:
+    sides = [at(292, 150, depth) for depth in (30, 10, 25)]
+    assert states(np.array([at(300, 150, 20), *sides]))[0] == OCCLUDED
+
+
+def test_no_ground_is_hidden_where_glass_has_no_height() -> None:
+    """The road that appears above a door is seen, where it would lie on the window of that door."""
+    door, road = wall(8, (-2, 2), (-1.5, -0.8)), np.array([[x, 0.0, -1.5] for x in np.arange(20.0, 36)])
+    raised = np.arange(len(door) + len(road)) < len(door)
+    both = np.concatenate([door, road])
+    above_door = -1.5 / road[:, 0] * 8 + 0.8 > 0.1
+    assert (states(both, raised, glass_m=0.0)[len(door) :][above_door] == SEEN).all()
+
+
+def test_a_single_cell_has_one_feature() -> None:
+    cells = np.array([[[3.0, 4.0]]], np.float32)
+    np.testing.assert_allclose(sample_bilinear(cells, np.array([[0.0, 0.0], [63, 39]]), 64, 40), [[3, 4]] * 2)
