@@ -60,7 +60,7 @@ class Lesson:
         self.shows = torch.tensor(concepts.camvid)
         self.first = torch.tensor(concepts.camvid_first)
         self.parents = torch.tensor(concepts.parent_vectors), torch.tensor(concepts.parent_of).float()
-        self.strangers = text.undrawn(NEUTRAL)
+        self.strangers = text.embed_plain(NEUTRAL)
         camvid_weight, city_weight = (1 / np.sqrt(np.maximum(c / c.sum(), 1e-4)) for c in counts)
         self.weight_camvid = torch.tensor(
             np.clip(camvid_weight / np.average(camvid_weight, weights=counts[0]), 0.3, 4)

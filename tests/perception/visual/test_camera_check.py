@@ -229,14 +229,6 @@ def test_a_fault_is_more_than_the_tolerance_and_its_uncertainty() -> None:
         assert not right.would_detect(0.45 * unit) and right.would_detect(0.47 * unit)  # one sigma to spare
 
 
-def test_less_data_is_less_certain() -> None:
-    few, many = (
-        estimate_offset(CAMERA, yards()[:count], replace(CONFIG, min_outlines=1)) for count in (3, 10)
-    )
-    assert few is not None and many is not None
-    assert (few.sigma[:3] > many.sigma[:3]).all() and few.outlines < many.outlines
-
-
 @pytest.mark.real
 def test_a_real_calibration_is_right_until_it_is_moved(shared: Path) -> None:
     dataset = Kitti(shared / "data/kitti_raw_a")
