@@ -1,4 +1,4 @@
-"""Measure whether words tell vehicles from background on real points: python bench/vl_kitti.py ../shared/data/kitti_raw_a.
+"""Do words tell vehicles from background on real points: python bench/vl_kitti.py ../shared/data/kitti_raw_a.
 
 Of the points inside labelled vehicles that a camera sees, how many are closer to a vehicle word than to any word
 for background; of those on the ground or more than 4 m above it, how many the opposite.

@@ -39,7 +39,7 @@ class Concepts:
 
 
 def load(text: MiniText, camvid: Path) -> Concepts:
-    """Read words.toml; the words that are kept for the test are not among what it gives."""
+    """Read words.toml, without the words that are held out for the test."""
     table = tomllib.loads(WORDS.read_text(encoding="utf-8"))
     concepts = list(table.values())
     names = tuple(concept["words"][0] for concept in concepts)

@@ -60,7 +60,7 @@ class MiniText:
         self._tokenizer.no_truncation()
 
     def embed(self, words: Sequence[str]) -> Floats:
-        """Return (t, d) float32 vectors of length 1, attracted by concepts; zeros for a phrase without a known token."""
+        """Return (t, d) float32 vectors of length 1, attracted by concepts; zeros without a known token."""
         vectors = self.embed_plain(words)
         similarity = vectors @ self._concepts.T
         share = np.exp((similarity - similarity.max(axis=1, keepdims=True)) / TEMPERATURE)
