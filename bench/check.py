@@ -40,7 +40,7 @@ SHOWN = np.array([np.rad2deg(1)] * 3 + [100.0] * 3)  # degrees and centimetres
 
 
 def faults(few: bool) -> dict[str, Array]:
-    """The injected faults, (6,) degrees about and centimetres along the axes, by name."""
+    """Return the injected faults, (6,) degrees about and centimetres along the axes, by name."""
     found = {"as it is": np.zeros(6)}
     for axis in range(6):
         size, unit = (TURN_DEG, "deg about") if axis < 3 else (MOVE_CM, "cm along")
@@ -50,7 +50,7 @@ def faults(few: bool) -> dict[str, Array]:
 
 
 def misalign(camera: Camera, fault: Array) -> Camera:
-    """The camera with a fault in its calibration."""
+    """Return the camera with a fault in its calibration."""
     motion = np.eye(4)
     motion[:3, :3] = Rotation.from_rotvec(np.deg2rad(fault[:3])).as_matrix()
     motion[:3, 3] = fault[3:] / 100
@@ -58,14 +58,14 @@ def misalign(camera: Camera, fault: Array) -> Camera:
 
 
 def seen_by(drive: Drive, camera: Camera) -> list[ImageSweepPair]:
-    """The pictures that the check looks at, with their sweeps."""
+    """Return the pictures that the check uses, with their sweeps."""
     pictures = {frame: drive.image(frame.index, camera.name) for frame in sample_frames(drive, CONFIG)}
     images = {frame: image for frame, image in pictures.items() if image}
     return list(image_sweep_pairs(drive, images, drive.world_from_ego))
 
 
 def drives(folders: list[Path], seeds: list[int]) -> Iterator[tuple[str, Drive]]:
-    """The drives of the KITTI folders, and one of the city for each seed."""
+    """Yield the drives of the KITTI folders, and one of the city for each seed."""
     for folder in folders:
         dataset = Kitti(folder)
         for segment in dataset.segments:
@@ -76,7 +76,7 @@ def drives(folders: list[Path], seeds: list[int]) -> Iterator[tuple[str, Drive]]
 
 
 def row(found: CalibrationOffset | None) -> str:
-    """Estimate, standard deviation and verdict in one line."""
+    """Return estimate, standard deviation and verdict in one line."""
     if found is None:
         return "too few outlines"
     six, sigma = found.vector * SHOWN, found.sigma * SHOWN

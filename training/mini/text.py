@@ -50,7 +50,7 @@ def as_int8(vectors: Array) -> tuple[Array, Array]:
 
 
 def concept_table(tables: dict[str, Array], phrases: Sequence[str], tokenizer: Path) -> dict[str, Array]:
-    """The mean of the words of each concept that pixels are taught."""
+    """Return the mean of the words of each concept."""
     none = {"concepts": np.zeros((1, DIM), np.int8), "concept_scale": np.zeros(1, np.float32)}
     text = MiniText(tables | none, phrases, tokenizer)
     concepts = tomllib.loads(WORDS.read_text(encoding="utf-8")).values()
