@@ -9,10 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from upvl_cli.commands.check import Finding, check_drive, image_sweep_pairs, sample_frames
+from upvl_cli.commands.check import (
+    Finding,
+    _errors,
+    _fault_in_words,
+    check_drive,
+    image_sweep_pairs,
+    sample_frames,
+)
 from upvl_cli.commands.check_config import CheckConfig
 from upvl_cli.config.toml import load
 from upvl_cli.geometry.se3 import apply, inverse
+from upvl_cli.perception.visual.camera_check import CalibrationOffset
 from upvl_cli.types import Array, Camera, Frame, Image, Points
 
 CONFIG = load(CheckConfig, Path(__file__).parents[2] / "stages" / "check.toml")
@@ -124,3 +132,28 @@ def test_frames_are_spread_over_the_drive() -> None:
     picked = [frame.index for frame in sample_frames(drive, CONFIG)]
     assert len(picked) == 12 and picked[0] == 0 and picked[-1] == 99
     assert np.ptp(np.diff(picked)) <= 1
+
+
+@pytest.mark.parametrize(("cameras", "frames"), [(1, 20), (4, 15), (20, 8)])
+def test_pictures_are_shared_by_the_cameras(cameras: int, frames: int) -> None:
+    drive = TinyDrive(
+        frames=tuple(Frame(number, number) for number in range(100)), cameras=(CAMERA,) * cameras
+    )
+    assert len(sample_frames(drive, CONFIG)) == frames
+
+
+def test_an_error_is_named_by_the_axes_that_are_clearly_off() -> None:
+    sigma = np.array([*np.deg2rad([0.1, 0.1, 0.1]), 0.01, 0.01, 0.01])
+    error = np.array([0, np.deg2rad(0.5), np.deg2rad(0.15), 0, 0.05, 0.009])
+    found = CalibrationOffset(error, np.diag(sigma**2), 500, CONFIG.camera)
+    assert list(_errors(found)) == [
+        "rotated by 0.50 +- 0.10 degrees about its y axis (downwards)",
+        "moved by 5.0 +- 1.0 cm along its y axis (downwards)",
+    ]
+    small = CalibrationOffset(error / 100, np.diag(sigma**2), 500, CONFIG.camera)
+    assert len(list(_errors(small))) == 1, "the clearest one at least"
+
+
+def test_faults_that_would_be_missed_are_told_in_words() -> None:
+    assert [_fault_in_words(axis, CONFIG) for axis in (0, 5)] == ["1 degree about x", "5 cm along z"]
+    assert _fault_in_words(1, replace(CONFIG, fault_deg=0.5)) == "0.5 degrees about y"

@@ -120,8 +120,8 @@ def test_outlines_lie_on_the_ends_of_a_box() -> None:
     ego = near.xyz_m @ camera.ego_from_camera[:3, :3].T + camera.ego_from_camera[:3, 3]
     step_m = 10 * np.deg2rad(0.2)
     for side, axis, place_m, within_m in (
-        (LEFT, 1, 1.0, step_m),
-        (RIGHT, 1, -1.0, step_m),
+        (LEFT, 1, 1.0, 0.3 * step_m),
+        (RIGHT, 1, -1.0, 0.3 * step_m),
         (TOP, 2, 0.3, 0.1),
     ):
         assert (near.side == side).sum() > 10
@@ -142,6 +142,7 @@ def test_an_edge_is_one_pixel_wide_and_only_across_it() -> None:
     across_columns, across_rows = edge_strength(grey, CONFIG.edge_noise)
     assert (across_columns.argmax(axis=1) // 2 == 39 // 2).all() or (across_columns[:, 39:41] > 1).all()
     assert not across_columns[:, :35].any() and not across_rows.any()
+    assert ((across_columns > 0).sum(axis=1) <= 2).all(), "a ridge, not the slope beside it"
 
 
 def test_a_right_calibration_is_not_reported() -> None:
@@ -227,6 +228,72 @@ def test_a_fault_is_more_than_the_tolerance_and_its_uncertainty() -> None:
             assert CalibrationOffset(size * unit, covariance, 1, CONFIG).is_fault is faulty
         right = CalibrationOffset(np.zeros(6), covariance, 1, CONFIG)
         assert not right.would_detect(0.45 * unit) and right.would_detect(0.47 * unit)  # one sigma to spare
+
+
+def outlines_of(range_m: np.ndarray) -> Outlines:
+    """Outlines of a sweep of samples 0.5 degrees apart, 61 rows by 121 columns, with these ranges."""
+    azimuth, elevation = np.meshgrid(
+        np.deg2rad(np.linspace(30, -30, 121)), np.deg2rad(np.linspace(15, -15, 61))
+    )
+    ways = np.stack([np.cos(azimuth), np.sin(azimuth), np.tan(elevation)], axis=-1)
+    camera = replace(CAMERA, distortion=np.zeros(5), height_px=400)
+    return detect_outlines(camera, (ways * range_m[..., None]).reshape(-1, 3), 0, CONFIG.outline)
+
+
+def test_a_pole_of_one_column_has_a_left_and_a_right_side() -> None:
+    range_m = np.full((61, 121), 30.0)
+    range_m[10:50, 60] = 10
+    found = outlines_of(range_m)
+    near = found[found.xyz_m[:, 2] < 15]
+    assert len(found) == len(near), "a wall alone has no outline"
+    assert (near.side == LEFT).sum() > 20 and (near.side == RIGHT).sum() > 20
+    assert (near.side == TOP).sum() <= 1
+
+
+def test_a_single_sample_is_no_outline() -> None:
+    range_m = np.full((61, 121), 30.0)
+    range_m[30, 60] = 10
+    assert not len(outlines_of(range_m))
+
+
+def test_a_surface_that_recedes_or_a_small_step_has_no_outline() -> None:
+    assert not len(outlines_of(np.tile(np.linspace(10, 20, 121), (61, 1))))
+    small = np.full((61, 121), 10.0)
+    small[:, 60:] = 10.9  # less than a tenth
+    assert not len(outlines_of(small))
+    large = np.full((61, 121), 10.0)
+    large[:, 60:] = 11.5
+    assert set(outlines_of(large).side) == {RIGHT}
+
+
+def test_the_covariance_is_the_sandwich_of_curvature_and_gradients_of_independent_parts() -> None:
+    """Written out plainly: strips of the picture by spans of time, and shifts of all outlines of one side."""
+    fitted, state = agreement(), np.full(6, 0.1)
+    outlines, count = fitted.outlines, len(fitted.outlines)
+    rows = [
+        (fitted.evaluate(state - move)[1] - fitted.evaluate(state + move)[1]).mean(axis=0) / 0.5
+        for move in 0.25 * np.eye(6)
+    ]
+    curvature = (np.array(rows) + np.array(rows).T) / 2
+    assert np.linalg.eigvalsh(curvature).min() > 1e-4
+    gradient = fitted.evaluate(state)[1] / count
+    across = np.clip(fitted._project(np.zeros(6))[0][:, 0] / CAMERA.width_px, 0, 1 - 1e-9)
+    spread = np.zeros((6, 6))
+    for view in range(3):
+        for strip in range(8):
+            part = (outlines.view == view) & (across >= strip / 8) & (across < (strip + 1) / 8)
+            spread += np.outer(gradient[part].sum(axis=0), gradient[part].sum(axis=0))
+    near = outlines.xyz_m[:, 2] < np.median(outlines.xyz_m[:, 2])
+    for side, shift_px in ((LEFT, [0.5, 0]), (RIGHT, [0.5, 0]), (TOP, [0, np.deg2rad(0.1) * 360])):
+        change = (
+            fitted.evaluate(state, -np.array(shift_px))[1] - fitted.evaluate(state, np.array(shift_px))[1]
+        )
+        for depth in (near, ~near):
+            for half in (across < 0.5, across >= 0.5):
+                pull = change[(outlines.side == side) & depth & half].sum(axis=0) / 2 / count
+                spread += np.outer(pull, pull)
+    expected = np.linalg.inv(curvature) @ spread @ np.linalg.inv(curvature)
+    np.testing.assert_allclose(fitted.covariance(state), expected, rtol=1e-6)
 
 
 @pytest.mark.real
