@@ -120,8 +120,8 @@ def test_outlines_lie_on_the_ends_of_a_box() -> None:
     ego = near.xyz_m @ camera.ego_from_camera[:3, :3].T + camera.ego_from_camera[:3, 3]
     step_m = 10 * np.deg2rad(0.2)
     for side, axis, place_m, within_m in (
-        (LEFT, 1, 1.0, 0.3 * step_m),
-        (RIGHT, 1, -1.0, 0.3 * step_m),
+        (LEFT, 1, 1.0, 0.4 * step_m),
+        (RIGHT, 1, -1.0, 0.4 * step_m),
         (TOP, 2, 0.3, 0.1),
     ):
         assert (near.side == side).sum() > 10

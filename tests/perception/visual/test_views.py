@@ -214,3 +214,14 @@ def test_no_ground_is_hidden_where_glass_has_no_height() -> None:
 def test_a_single_cell_has_one_feature() -> None:
     cells = np.array([[[3.0, 4.0]]], np.float32)
     np.testing.assert_allclose(sample_bilinear(cells, np.array([[0.0, 0.0], [63, 39]]), 64, 40), [[3, 4]] * 2)
+
+
+def test_glass_hides_the_ground_up_to_its_height_and_no_farther() -> None:
+    door, road = wall(8, (-2, 2), (-1.5, -0.8)), np.array([[x, 0.0, -1.5] for x in np.arange(20.0, 37, 0.5)])
+    raised = np.arange(len(door) + len(road)) < len(door)
+    found = states(np.concatenate([door, road]), raised, glass_m=0.35)[len(door) :]
+    above_door_m = -1.5 / road[:, 0] * 8 + 0.8  # where it appears, in the plane of the door
+    assert (found[above_door_m < 0.3] == OCCLUDED).sum() > 5
+    assert (found[above_door_m < 0.3] == OCCLUDED).all()
+    assert (found[above_door_m > 0.4] == SEEN).sum() > 5
+    assert (found[above_door_m > 0.4] == SEEN).all()
