@@ -28,10 +28,10 @@ from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.vlm.mini import OBJECTS
 from workspaces import on_city, on_kitti
 
-OFF = {"extract-vl": {"images": '"none"'}, "pca": {"images": "0"}, "mask": {"no_view": '"keep"'}}
+OFF = {"extract-vl": {"images": '"none"'}, "pca": {"images": "0"}, "mask": {"unseen_policy": '"keep"'}}
 MOVING = {
     **OFF,
-    "mask": {"no_view": '"keep"', "min_speed_mps": "1.0"},
+    "mask": {"unseen_policy": '"keep"', "min_speed_mps": "1.0"},
     "propose": {"eps_m": "1.0", "eps_deg": "0.0"},
     "track": {"min_reach_m": "1.0", "min_follow": "0.5"},
 }
@@ -39,8 +39,8 @@ RUNS: dict[str, Mapping[str, Mapping[str, str]]] = {
     "as shipped": {},
     "words off": OFF,
     **{
-        f"without a view: {policy}": {"mask": {"no_view": f'"{policy}"'}}
-        for policy in ("keep", "moving", "remember")
+        f"without a view: {policy}": {"mask": {"unseen_policy": f'"{policy}"'}}
+        for policy in ("keep", "moving", "place_memory")
     },
     "moving only": MOVING,
     "background clusters too": {"propose": {"cluster_background": "true"}},
@@ -52,7 +52,7 @@ RUNS: dict[str, Mapping[str, Mapping[str, str]]] = {
         for share in (10, 25, 50, 75, 90, 99, 100)
     },
     **{
-        f"eps_bg {eps}": {"mask": {"calibrated": "false", "eps_bg": str(eps), "against": json.dumps(OBJECTS)}}
+        f"eps_bg {eps}": {"mask": {"use_model_rule": "false", "eps_bg": str(eps), "against": json.dumps(OBJECTS)}}
         for eps in (-0.4, -0.2, 0.0, 0.08, 0.2, 0.4, 0.6)
     },
 }

@@ -22,7 +22,7 @@ import numpy as np
 
 from machine import Stolen
 from upvl_cli.commands.pipeline import PIPELINE
-from upvl_cli.perception.visual.open_vocabulary import KEPT, fit
+from upvl_cli.perception.visual.open_vocabulary import COMPONENTS, fit
 from upvl_cli.pipeline.stage import WHOLE_DATASET
 from upvl_cli.pipeline.tables import footer_digest, write
 from upvl_cli.pipeline.workspace import Workspace
@@ -61,8 +61,8 @@ def _million(folder: Path) -> bool:
     command_s = _seconds(lambda: _query(folder, "--search", "--no-sheet"), RUNS)
     peak_mib = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
     # After the command, whose peak would else hold what was ours when it began.
-    features = np.ones((DRIVES * FRAMES * BOXES, KEPT), dtype=np.float32)
-    words = np.ones((KEPT, len(asked.words)), dtype=np.float32)
+    features = np.ones((DRIVES * FRAMES * BOXES, COMPONENTS), dtype=np.float32)
+    words = np.ones((COMPONENTS, len(asked.words)), dtype=np.float32)
     plain_s = _seconds(lambda: features @ words, RUNS)
     size = store(workspace, "labels").index.stat().st_size
     print(
@@ -109,7 +109,7 @@ def _workspace(folder: Path, drives: int, points: int) -> Workspace:
     stamp = json.dumps({"vlm": workspace.model_stamp})
     write(workspace.shard("pca", WHOLE_DATASET), PcaRow, [fitted], stamp=stamp, counts={})
     stamp = json.dumps({"inputs": {"pca": footer_digest(workspace.shard("pca", WHOLE_DATASET))}})
-    codes = basis.rounded(basis.kept(looks))
+    codes = basis.quantize(basis.project(looks))
     for drive in range(drives):
         name = f"drive-{drive:04d}"
         rows = _rows(name, drive, points, codes)

@@ -1,4 +1,4 @@
-"""Says how well the occlusion test agrees with the truth of the built-in city: python bench/views.py.
+"""Measure how well the occlusion test agrees with the truth of the built-in city: python bench/views.py.
 
 A ray from the camera's place at the time of the picture to each point tells whether anything is in between.
 """
@@ -16,13 +16,15 @@ from city_checks import first_on_way, pose_at
 from upvl_cli.config.toml import load
 from upvl_cli.geometry.se3 import apply
 from upvl_cli.perception.ground.height import height_above_ground
-from upvl_cli.perception.visual.views import OCCLUDED, SEEN, at_time, view
+from upvl_cli.perception.visual.config import VisibilityConfig
+from upvl_cli.perception.visual.views import OCCLUDED, SEEN, move_to_time, visibility
 from upvl_cli.stages.extract_vl import ExtractVlConfig
 from upvl_cli.stages.ground import GroundConfig
 from upvl_cli.synthetic.cameras import trigger_s
 from upvl_cli.synthetic.cast import Caster
 from upvl_cli.synthetic.config import CityConfig
 from upvl_cli.synthetic.drive import RATE_HZ, CityDrive
+from upvl_cli.types import Camera
 
 STAGES = Path(__file__).parents[1] / "stages"
 HIDDEN_M = 0.5  # what is this much in front of a point hides it
@@ -34,16 +36,12 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--frames", type=int, nargs="+", default=[5, 20, 35])
     options = parser.parse_args()
-    params = load(ExtractVlConfig, STAGES / "extract-vl.toml")
-    limits = {
-        name: getattr(params, name)
-        for name in ("border_px", "gap_deg", "closer_m", "closer_share", "glass_m")
-    }
+    limits = load(ExtractVlConfig, STAGES / "extract-vl.toml").visibility
     settings = load(CityConfig, STAGES / "synthetic.toml")
     drive = CityDrive(name="views", seed=(options.seed, 1, 0), without=(), settings=settings)
     table = np.zeros((2, 2), dtype=np.int64)  # truly hidden or not, called occluded or not
     for frame in options.frames:
-        table += sum(_of(drive, frame, camera, limits) for camera in drive.cameras)
+        table += sum(_agreement(drive, frame, camera, limits) for camera in drive.cameras)
     (seen_right, seen_wrong), (hidden_wrong, hidden_right) = table
     print(f"of the points called seen {seen_right / (seen_right + hidden_wrong):.3%} are seen")
     print(f"of the seen points {seen_right / (seen_right + seen_wrong):.3%} are called seen")
@@ -51,16 +49,16 @@ def main() -> None:
     print(f"{table.sum()} points in view, {table[1].sum() / table.sum():.2%} hidden")
 
 
-def _of(drive: CityDrive, frame: int, camera, limits: dict[str, float]) -> np.ndarray:
+def _agreement(drive: CityDrive, frame: int, camera: Camera, limits: VisibilityConfig) -> np.ndarray:
     points, truth = drive.points_with_truth(frame)
     late_s = trigger_s(camera.name)
     time_s = frame / RATE_HZ + late_s
     pose = pose_at(drive, time_s)
-    xyz = at_time(points.xyz_ego_m, truth.velocity_mps, late_s, drive.world_from_ego[frame], pose)
+    xyz = move_to_time(points.xyz_ego_m, truth.velocity_mps, late_s, drive.world_from_ego[frame], pose)
     ground = load(GroundConfig, STAGES / "ground.toml")
     height_m = height_above_ground(points.xyz_ego_m, drive.ground_z_m, ground.map)
     stands = height_m > ground.max_height_m
-    found = view(camera, xyz, stands, **limits)
+    found = visibility(camera, xyz, stands, limits)
     chosen = np.flatnonzero((found.state == SEEN) | (found.state == OCCLUDED))
     world = apply(pose, xyz[chosen])
     eye = apply(pose, camera.ego_from_camera[None, :3, 3])[0]

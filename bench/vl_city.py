@@ -1,4 +1,4 @@
-"""Says how well words find what points show, on city drives of the split val: python bench/vl_city.py [--keep DIR].
+"""Measure how well words find what points show, on city drives of the split val: python bench/vl_city.py [--keep DIR].
 
 Prints the share of seen points in their true group (vehicle, VRU, background), and the share whose nearest word
 among all kinds is their own, for kinds that the model was trained on and for those that it has never seen.
@@ -53,11 +53,11 @@ def scored(workspace: Workspace) -> bool:
     names = workspace.settings(PIPELINE.by_name["classify"])
     background = workspace.settings(PIPELINE.by_name["mask"]).background
     lists = (names.vehicle, (*names.pedestrian, *names.cyclist), (*background, *names.other))
-    group_words = workspace.model.embed_text([word for some in lists for word in some])
-    group_of_word = np.repeat(np.arange(3), [len(some) for some in lists])
+    group_words = workspace.model.embed_text([word for words in lists for word in words])
+    group_of_word = np.repeat(np.arange(3), [len(words) for words in lists])
     kinds = list(dict.fromkeys([*KINDS, *STUFF]))
     kind_words = workspace.model.embed_text(kinds)
-    (fitted,) = table_of(workspace, "pca", WHOLE_DATASET)
+    (pca,) = table_of(workspace, "pca", WHOLE_DATASET)
     confusion = np.zeros((3, 3), dtype=np.int64)
     hits, total = np.zeros(len(kinds)), np.zeros(len(kinds))
     for segment in workspace.segments:
@@ -65,12 +65,12 @@ def scored(workspace: Workspace) -> bool:
         scene = np.array(drive.scene.names)
         for row in table_of(workspace, "extract-vl", segment):
             _, truth = drive.points_with_truth(row.frame)
-            group = np.array([group_of(one) for one in scene])[truth.name[row.state == SEEN]]
-            found = group_of_word[fitted.basis.cosines(row.feature, group_words).argmax(axis=1)]
+            group = np.array([group_of(name) for name in scene])[truth.name[row.state == SEEN]]
+            found = group_of_word[pca.basis.cosines(row.feature, group_words).argmax(axis=1)]
             known = group >= 0
             np.add.at(confusion, (group[known], found[known]), 1)
-            best = fitted.basis.cosines(row.feature, kind_words).argmax(axis=1)
-            true = np.array([kinds.index(one) for one in scene])[truth.name[row.state == SEEN]]
+            best = pca.basis.cosines(row.feature, kind_words).argmax(axis=1)
+            true = np.array([kinds.index(name) for name in scene])[truth.name[row.state == SEEN]]
             hits += np.bincount(true[best == true], minlength=len(kinds))
             total += np.bincount(true, minlength=len(kinds))
     right = np.diag(confusion).sum() / confusion.sum()

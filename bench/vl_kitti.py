@@ -1,4 +1,4 @@
-"""Says whether words tell vehicles from background on real points: python bench/vl_kitti.py ../shared/data/kitti_raw_a.
+"""Do words tell vehicles from background on real points: python bench/vl_kitti.py ../shared/data/kitti_raw_a.
 
 Of the points inside labelled vehicles that a camera sees, how many are closer to a vehicle word than to any word
 for background; of those on the ground or more than 4 m above it, how many the opposite.
@@ -45,17 +45,17 @@ def scored(workspace: Workspace, segment: str) -> bool:
     vehicle = workspace.settings(PIPELINE.by_name["classify"]).vehicle
     background = workspace.settings(PIPELINE.by_name["mask"]).background
     words = workspace.model.embed_text([*vehicle, *background])
-    (fitted,) = table_of(workspace, "pca", WHOLE_DATASET)
+    (pca,) = table_of(workspace, "pca", WHOLE_DATASET)
     source = label_source(workspace.raw.dataset, Path(workspace.raw.root), workspace.dataset)
     labels, frames = source.labels(segment), source.frames(segment)
     features, ground = table_of(workspace, "extract-vl", segment), table_of(workspace, "ground", segment)
     vehicles, rest = np.zeros(2), np.zeros(2)
     for frame in frames.tolist():
-        of, floor = features[frame], ground[frame]
-        seen = of.state == SEEN
-        cosines = fitted.basis.cosines(of.feature, words)
+        row, floor = features[frame], ground[frame]
+        seen = row.state == SEEN
+        cosines = pca.basis.cosines(row.feature, words)
         is_vehicle = cosines[:, : len(vehicle)].max(axis=1) > cosines[:, len(vehicle) :].max(axis=1)
-        boxes = labels.seven[(labels.frame == frame) & (labels.type == VEHICLE)]
+        boxes = labels[(labels.frame == frame) & (labels.type == VEHICLE)]
         xyz = workspace.drive(segment).points(frame).xyz_ego_m[seen]
         inside = points_inside(xyz, boxes, margin_m=0.0).any(axis=0) & ~floor.is_ground[seen]
         other = (floor.is_ground[seen] | (floor.height_m[seen] > HIGH_M)) & ~points_inside(

@@ -55,7 +55,7 @@ def test_help_names_every_stage_and_loads_nothing_heavy(tmp_path: Path) -> None:
 
 def test_help_of_a_stage_tells_meaning_unit_and_range(tmp_path: Path) -> None:
     text = " ".join(upvl(tmp_path, "mask", "--help").stdout.replace("│", " ").split())
-    assert "a point moves from this speed on: the paper's eps_sf (m/s, >= 0 and <= 200)" in text
+    assert "lowest speed of a point that counts as moving: eps_sf of UP-VL (m/s, >= 0 and <= 200)" in text
 
 
 def test_labels_and_summary(labelled: Path) -> None:

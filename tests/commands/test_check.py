@@ -9,10 +9,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from upvl_cli.commands.check import Finding, check_drive, chosen, views
+from upvl_cli.commands.check import (
+    Finding,
+    _errors,
+    _fault_in_words,
+    check_drive,
+    image_sweep_pairs,
+    sample_frames,
+)
+from upvl_cli.commands.check_config import CheckConfig
+from upvl_cli.config.toml import load
 from upvl_cli.geometry.se3 import apply, inverse
+from upvl_cli.perception.visual.camera_check import CalibrationOffset
 from upvl_cli.types import Array, Camera, Frame, Image, Points
 
+CONFIG = load(CheckConfig, Path(__file__).parents[2] / "stages" / "check.toml")
 CAMERA = Camera(
     name="front",
     width_px=40,
@@ -67,7 +78,7 @@ class TinyDrive:
 
 
 def findings(drive: TinyDrive) -> list[Finding]:
-    return list(check_drive(drive, drive.world_from_ego))
+    return list(check_drive(drive, drive.world_from_ego, CONFIG))
 
 
 UNRIGID = replace(CAMERA, ego_from_camera=CAMERA.ego_from_camera * [[1, 1.01, 1, 1]])
@@ -101,13 +112,14 @@ def test_gaps_are_told_but_are_no_fault() -> None:
 @pytest.mark.parametrize("delay_ns", [-30_000_000, 0, 40_000_000])
 def test_a_sweep_is_moved_to_the_time_of_the_picture(delay_ns: int) -> None:
     drive = TinyDrive(delay_ns=delay_ns)
-    seen = {frame: drive.image(frame.index, "front") for frame in chosen(drive)}
-    moved = list(views(drive, {frame: image for frame, image in seen.items() if image}, drive.world_from_ego))
+    seen = {frame: drive.image(frame.index, "front") for frame in sample_frames(drive, CONFIG)}
+    images = {frame: image for frame, image in seen.items() if image}
+    moved = list(image_sweep_pairs(drive, images, drive.world_from_ego))
     assert len(moved) == 5  # the first and the last lie before and after all poses
     for frame, view in zip(drive.frames, moved, strict=True):
         there = apply(inverse(pose(frame.time_ns + delay_ns)), TREES_M)
         np.testing.assert_allclose(view.xyz_ego_m, there, atol=0.01)  # the point of the other LiDAR is gone
-    still = list(views(drive, {frame: image for frame, image in seen.items() if image}, None))
+    still = list(image_sweep_pairs(drive, images, None))
     np.testing.assert_allclose(still[1].xyz_ego_m, drive.points(1).xyz_ego_m[:2])
 
 
@@ -117,6 +129,31 @@ def test_a_drive_without_cameras_has_nothing_to_check() -> None:
 
 def test_frames_are_spread_over_the_drive() -> None:
     drive = TinyDrive(frames=tuple(Frame(number, number) for number in range(100)), cameras=(CAMERA,) * 5)
-    picked = [frame.index for frame in chosen(drive)]
+    picked = [frame.index for frame in sample_frames(drive, CONFIG)]
     assert len(picked) == 12 and picked[0] == 0 and picked[-1] == 99
     assert np.ptp(np.diff(picked)) <= 1
+
+
+@pytest.mark.parametrize(("cameras", "frames"), [(1, 20), (4, 15), (20, 8)])
+def test_pictures_are_shared_by_the_cameras(cameras: int, frames: int) -> None:
+    drive = TinyDrive(
+        frames=tuple(Frame(number, number) for number in range(100)), cameras=(CAMERA,) * cameras
+    )
+    assert len(sample_frames(drive, CONFIG)) == frames
+
+
+def test_an_error_is_named_by_the_axes_that_are_clearly_off() -> None:
+    sigma = np.array([*np.deg2rad([0.1, 0.1, 0.1]), 0.01, 0.01, 0.01])
+    error = np.array([0, np.deg2rad(0.5), np.deg2rad(0.15), 0, 0.05, 0.009])
+    found = CalibrationOffset(error, np.diag(sigma**2), 500, CONFIG.camera)
+    assert list(_errors(found)) == [
+        "rotated by 0.50 +- 0.10 degrees about its y axis (downwards)",
+        "moved by 5.0 +- 1.0 cm along its y axis (downwards)",
+    ]
+    small = CalibrationOffset(error / 100, np.diag(sigma**2), 500, CONFIG.camera)
+    assert len(list(_errors(small))) == 1, "the clearest one at least"
+
+
+def test_faults_that_would_be_missed_are_told_in_words() -> None:
+    assert [_fault_in_words(axis, CONFIG) for axis in (0, 5)] == ["1 degree about x", "5 cm along z"]
+    assert _fault_in_words(1, replace(CONFIG, fault_deg=0.5)) == "0.5 degrees about y"

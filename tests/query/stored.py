@@ -81,7 +81,7 @@ def rows(segment: str, things: list[Thing], frames: int) -> list[ObjectRow]:
         here = [thing for thing in things if frame in thing.frames]
         of_box = np.repeat(np.arange(len(here)), [sum(thing.words.values()) for thing in here])
         features = [_features(thing.words, rng) for thing in here]
-        codes = basis().rounded(basis().kept(np.concatenate([np.zeros((0, model().dim)), *features])))
+        codes = basis().quantize(basis().project(np.concatenate([np.zeros((0, model().dim)), *features])))
         found.append(
             ObjectRow(
                 segment,

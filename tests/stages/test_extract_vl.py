@@ -70,8 +70,8 @@ def test_the_mode_is_remembered_and_left_again(labelled: Path, tmp_path: Path) -
     assert {line[0] for line in lines if line[1] == "1"} == {
         stage.name for stage in PIPELINE.labelling_stages
     }
-    moving = sum(len(row.seven) for row in table(folder, "nms"))
-    assert moving < sum(len(row.seven) for row in table(labelled, "nms"))
+    moving = sum(len(row.track_id) for row in table(folder, "nms"))
+    assert moving < sum(len(row.track_id) for row in table(labelled, "nms"))
     made = upvl(folder, "autolabel", "--all-motion").stdout
     assert "made stage=mask" in made
     assert "made stage=flow" not in made
@@ -88,7 +88,7 @@ def test_another_model_is_another_shard(labelled: Path, tmp_path: Path) -> None:
 def test_other_code_of_a_model_makes_its_shards_stale(
     labelled: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def told(stage: str) -> tuple[str, str]:
+    def freshness(stage: str) -> tuple[str, str]:
         workspace = Workspace(PIPELINE, labelled / "stages", labelled / "out")
         return state(
             workspace,
@@ -96,15 +96,15 @@ def test_other_code_of_a_model_makes_its_shards_stale(
             WHOLE_DATASET if PIPELINE.by_name[stage].is_of_dataset else SEGMENT,
         )
 
-    assert told("extract-vl")[0] == told("ground")[0] == "fresh"
+    assert freshness("extract-vl")[0] == freshness("ground")[0] == "fresh"
     monkeypatch.setitem(MODELS, "mini", replace(MODELS["mini"], version=99))
-    assert told("pca")[0] == told("extract-vl")[0] == "stale"
-    assert "vlm.version" in told("pca")[1]
-    assert not is_of_settings(told("pca")[1])
-    assert told("ground")[0] == "fresh"
+    assert freshness("pca")[0] == freshness("extract-vl")[0] == "stale"
+    assert "vlm.version" in freshness("pca")[1]
+    assert not is_of_settings(freshness("pca")[1])
+    assert freshness("ground")[0] == "fresh"
 
 
-def test_the_size_is_foretold(labelled: Path) -> None:
+def test_the_size_is_forefreshness(labelled: Path) -> None:
     said = upvl(labelled, "extract-vl", "--dry-run").stdout
     foretold = float(said.splitlines()[0].split()[1]) * 1e6
     true = (labelled / "out" / "extract-vl" / f"{SEGMENT}.parquet").stat().st_size
@@ -121,28 +121,43 @@ def test_words_can_be_drawn(labelled: Path) -> None:
 
 
 def test_the_threshold_can_be_found_without_labels(labelled: Path) -> None:
-    done = upvl(labelled, "calibrate")
+    done = upvl(labelled, "fit-background-threshold")
     assert done.returncode == 0, done.stderr
     assert "eps_bg = " in done.stdout
-    assert (labelled / "out" / "calibrate" / "background.png").is_file()
+    assert (labelled / "out" / "fit-background-threshold" / "background.png").is_file()
 
 
 def test_a_workspace_without_features_says_what_to_run(tmp_path: Path) -> None:
     folder = make_workspace(tmp_path / "work")
     assert "make extract-vl" in fails(folder, "draw", "--words", "car")
-    assert "pca" in fails(folder, "calibrate")
+    assert "pca" in fails(folder, "fit-background-threshold")
 
 
-def test_each_label_has_one_kind_in_all_frames(labelled: Path) -> None:
-    kinds: dict[int, set[int]] = {}
-    names = table(labelled, "name")
+def test_each_label_has_one_class_in_all_frames(labelled: Path) -> None:
+    classes: dict[int, set[tuple[int, str]]] = {}
+    classified = table(labelled, "classify")
     for row in table(labelled, "nms"):
-        assert set(row.track_id) == set(names[row.frame].track_id)
-        for track, kind in zip(names[row.frame].track_id, names[row.frame].type, strict=True):
-            kinds.setdefault(int(track), set()).add(int(kind))
-    assert kinds
-    assert all(len(kind) == 1 for kind in kinds.values())
-    assert np.isin([kind for (kind,) in kinds.values()], [0, 1, 2, 4]).all()
+        of_frame = classified[row.frame]
+        assert set(row.track_id) == set(of_frame.track_id)
+        for track, kind, word in zip(of_frame.track_id, of_frame.type, of_frame.word, strict=True):
+            classes.setdefault(int(track), set()).add((int(kind), str(word)))
+    assert classes
+    assert all(len(found) == 1 for found in classes.values())
+    assert np.isin([kind for ((kind, _),) in classes.values()], [0, 1, 2, 4]).all()
+    settings = Workspace(PIPELINE, labelled / "stages", labelled / "out").settings(
+        PIPELINE.by_name["classify"]
+    )
+    assert {word for ((_, word),) in classes.values()} <= {*settings.words[1], ""}
+
+
+def test_labels_are_those_of_nms_with_their_class(labelled: Path) -> None:
+    labels, boxes, classified = (table(labelled, stage) for stage in ("labels", "nms", "classify"))
+    assert sum(len(row.track_id) for row in labels) > 0
+    for row in labels:
+        np.testing.assert_array_equal(row.track_id, boxes[row.frame].track_id)
+        np.testing.assert_array_equal(row.center_m, boxes[row.frame].center_m)
+        word = dict(zip(classified[row.frame].track_id, classified[row.frame].word, strict=True))
+        assert [word[track] for track in row.track_id] == list(row.word)
 
 
 def test_stages_that_are_made_once_have_one_shard(labelled: Path) -> None:

@@ -20,7 +20,7 @@ from tiny_clip import CONTEXT, IMAGE, MEAN, PATCH, STD
 from torch.nn import functional
 
 from upvl_cli.errors import BadInput, BadSetting
-from upvl_cli.vlm.clip import Clip, covered_size, files, window_starts
+from upvl_cli.vlm.clip import Clip, resized_size, files, window_starts
 
 WORDS = ["car", "red car", "tree"]
 Saved = tuple[Path, Any]
@@ -29,7 +29,7 @@ Saved = tuple[Path, Any]
 @pytest.fixture(scope="module", params=[tiny_clip.clip, tiny_clip.siglip], ids=["clip", "siglip"])
 def saved(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Saved:
     """A checkpoint and the library's own model of it."""
-    folder = tmp_path_factory.mktemp(request.param.__classify__)
+    folder = tmp_path_factory.mktemp(request.param.__name__)
     return folder, request.param(folder)
 
 
@@ -157,7 +157,7 @@ def test_one_colour_without_places_has_one_feature(tmp_path: Path) -> None:
     ],
 )
 def test_a_picture_becomes_whole_patches(height: int, width: int, expected: tuple[int, int]) -> None:
-    assert covered_size(height, width, 4, 8) == expected
+    assert resized_size(height, width, 4, 8) == expected
 
 
 @pytest.mark.parametrize("cells", [1, 2, 4, 7, 14, 24])

@@ -9,9 +9,9 @@ import pytest
 from PIL import Image
 
 from upvl_cli.errors import BadSetting
-from upvl_cli.vlm import MODELS, adapter
-from upvl_cli.vlm.mini import DETAIL_PX, FILES, LARGEST, WEIGHTS, Mini
-from upvl_cli.vlm.mini_text import plain
+from upvl_cli.vlm import MODELS, model_family
+from upvl_cli.vlm.mini import DETAIL_PX, FILES, MAX_SCALE, WEIGHTS, Mini
+from upvl_cli.vlm.mini_text import normalize
 
 
 @pytest.fixture(scope="module")
@@ -59,10 +59,12 @@ def test_nothing_has_no_vector_and_is_like_nothing(model: Mini) -> None:
 def test_a_phrase_outside_of_the_table_is_the_mean_of_its_tokens(model: Mini) -> None:
     text = model.text
     assert "purple spaceship" not in text.phrases
-    np.testing.assert_array_equal(text.undrawn(["purple spaceship"])[0], text.of_tokens("purple spaceship"))
+    np.testing.assert_array_equal(
+        text.embed_plain(["purple spaceship"])[0], text.embed_tokens("purple spaceship")
+    )
     # Not far from what the full model says where it has been asked.
     alike = [
-        text.of_tokens(phrase) @ vector for phrase, vector in zip(text.phrases, text.vectors, strict=True)
+        text.embed_tokens(phrase) @ vector for phrase, vector in zip(text.phrases, text.vectors, strict=True)
     ]
     assert np.mean(alike) > 0.8
 
@@ -71,7 +73,7 @@ def test_a_phrase_outside_of_the_table_is_the_mean_of_its_tokens(model: Mini) ->
     ("given", "expected"), [("The Car", "car"), ("a", "a"), (" an  old bus. ", "old bus")]
 )
 def test_phrases_are_made_plain(given: str, expected: str) -> None:
-    assert plain(given) == expected
+    assert normalize(given) == expected
 
 
 @pytest.mark.parametrize(("height", "width"), [(64, 96), (61, 90), (375, 1242)])
@@ -79,7 +81,7 @@ def test_cells_cover_the_picture(model: Mini, height: int, width: int) -> None:
     picture = np.random.default_rng(0).integers(0, 255, (height, width, 3), dtype=np.uint8)
     cells = model.embed_image(picture)
     # About the size that the network learnt at, and the shape of the picture.
-    scale = min((DETAIL_PX / (height * width)) ** 0.5, LARGEST)
+    scale = min((DETAIL_PX / (height * width)) ** 0.5, MAX_SCALE)
     assert cells.shape == (round(height * scale / 4), round(width * scale / 4), model.dim)
     np.testing.assert_allclose(np.linalg.norm(cells, axis=2), 1, atol=1e-4)
     assert np.isfinite(cells).all()
@@ -126,9 +128,9 @@ def test_the_package_stays_small() -> None:
 
 
 def test_models_are_named_with_their_weights() -> None:
-    assert adapter("mini") == (MODELS["mini"], "")
-    assert adapter("clip:/models/a:b") == (MODELS["clip"], "/models/a:b")
+    assert model_family("mini") == (MODELS["mini"], "")
+    assert model_family("clip:/models/a:b") == (MODELS["clip"], "/models/a:b")
     with pytest.raises(BadSetting, match="unknown model 'clipp'; did you mean 'clip'"):
-        adapter("clipp:/models/b16")
+        model_family("clipp:/models/b16")
     with pytest.raises(BadSetting, match="mini brings its own weights"):
         MODELS["mini"].files("/models/mine")

@@ -17,7 +17,7 @@ import numpy as np
 from PIL import Image
 
 from upvl_cli.config.toml import load
-from upvl_cli.synthetic.config import CityParams
+from upvl_cli.synthetic.config import CityConfig
 from upvl_cli.synthetic.drive import CityDrive
 from upvl_cli.synthetic.kinds import KINDS
 from upvl_cli.synthetic.piece import STUFF
@@ -30,7 +30,7 @@ SEED = 7_000  # far from the seeds of drives that are evaluated
 
 def render(folder: Path, number: int, every: int) -> int:
     """Write the pictures of one drive; returns how many."""
-    usual = load(CityParams, Path("stages/synthetic.toml"))
+    usual = load(CityConfig, Path("stages/synthetic.toml"))
     rng = np.random.default_rng([SEED, number])
     rare = number % 2 == 1
     settings = replace(

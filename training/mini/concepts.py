@@ -39,11 +39,11 @@ class Concepts:
 
 
 def load(text: MiniText, camvid: Path) -> Concepts:
-    """Read words.toml; the words that are kept for the test are not among what it gives."""
+    """Read words.toml, without the words that are held out for the test."""
     table = tomllib.loads(WORDS.read_text(encoding="utf-8"))
     concepts = list(table.values())
     names = tuple(concept["words"][0] for concept in concepts)
-    vectors = tuple(text.undrawn(concept["words"]) for concept in concepts)
+    vectors = tuple(text.embed_plain(concept["words"]) for concept in concepts)
     classes = [line for line in (camvid / "classes.txt").read_text().splitlines() if line][:11]
     shows = np.array([[concept.get("camvid") == name for concept in concepts] for name in classes])
     of_city = {name: place for place, concept in enumerate(concepts) for name in concept["city"]}
@@ -61,6 +61,6 @@ def load(text: MiniText, camvid: Path) -> Concepts:
         shows.argmax(axis=1),
         shows,
         of_city,
-        text.undrawn(parents),
+        text.embed_plain(parents),
         parent_of,
     )

@@ -122,7 +122,7 @@ class Batches(IterableDataset[tuple[Array, Array]]):
     def _pasted(
         self, crop: tuple[Array, Array], other: tuple[Array, Array], rng: np.random.Generator
     ) -> tuple[Array, Array]:
-        """The crop with some of the things of another one, each where it was there."""
+        """Return the crop with some objects of another one, each at its own place."""
         there = np.intersect1d(other[1], self.things)
         if not len(there) or rng.random() > PASTED:
             return crop
@@ -165,7 +165,7 @@ class Batches(IterableDataset[tuple[Array, Array]]):
 
     @staticmethod
     def lit(image: Image.Image, rng: np.random.Generator) -> Image.Image:
-        """The picture in another light."""
+        """Return the picture in another light."""
         image = ImageEnhance.Brightness(image).enhance(rng.uniform(0.5, 1.5))
         image = ImageEnhance.Contrast(image).enhance(rng.uniform(0.6, 1.4))
         image = ImageEnhance.Color(image).enhance(rng.uniform(0.2, 1.6))

@@ -50,11 +50,11 @@ def as_int8(vectors: Array) -> tuple[Array, Array]:
 
 
 def concept_table(tables: dict[str, Array], phrases: Sequence[str], tokenizer: Path) -> dict[str, Array]:
-    """The mean of the words of each concept that pixels are taught."""
+    """Return the mean of the words of each concept."""
     none = {"concepts": np.zeros((1, DIM), np.int8), "concept_scale": np.zeros(1, np.float32)}
     text = MiniText(tables | none, phrases, tokenizer)
     concepts = tomllib.loads(WORDS.read_text(encoding="utf-8")).values()
-    codes, scale = as_int8(np.array([text.undrawn(one["words"]).mean(axis=0) for one in concepts]))
+    codes, scale = as_int8(np.array([text.embed_plain(one["words"]).mean(axis=0) for one in concepts]))
     return {"concepts": codes, "concept_scale": scale}
 
 
@@ -83,7 +83,7 @@ def main() -> None:
     (options.out / "mini_phrases.txt").write_text("\n".join(table) + "\n", encoding="utf-8")
     shutil.copy(options.model / "tokenizer.json", options.out / "mini_tokenizer.json")
     text = MiniText(tables, table, options.out / "mini_tokenizer.json")
-    alike = [text.of_tokens(phrase) @ vector for phrase, vector in zip(table, text.vectors, strict=True)]
+    alike = [text.embed_tokens(phrase) @ vector for phrase, vector in zip(table, text.vectors, strict=True)]
     print(f"{len(tokens)} tokens, {len(table)} phrases; likeness of the mean of tokens: {np.mean(alike):.3f}")
 
 

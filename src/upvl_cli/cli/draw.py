@@ -22,7 +22,7 @@ def draw(
 ) -> None:
     """Draw points, boxes and tracks from above, and boxes on the camera's picture."""
     from upvl_cli.commands.draw import draw_frame
-    from upvl_cli.commands.draw_words import draw_words, words_of
+    from upvl_cli.commands.draw_words import draw_words, split_words
 
     workspace: Workspace = context.obj
     for name in workspace.segments if segment is None else [segment]:
@@ -30,18 +30,18 @@ def draw(
         drawn = (
             draw_frame(workspace, name, frame)
             if words is None
-            else draw_words(workspace, name, frame, words_of(words))
+            else draw_words(workspace, name, frame, split_words(words))
         )
         for path in drawn:
             print(path)
 
 
-@app.command("calibrate")
-def calibrate_background(context: typer.Context) -> None:
-    """Find where background begins on the scale of the model, from unlabelled drives; draw the histogram."""
-    from upvl_cli.commands.fit_background_threshold import calibrate
+@app.command("fit-background-threshold")
+def fit_threshold(context: typer.Context) -> None:
+    """Fit eps_bg, the score from which points are background, to unlabelled drives; draw the histogram."""
+    from upvl_cli.commands.fit_background_threshold import fit_background_threshold
 
-    for line in calibrate(context.obj):
+    for line in fit_background_threshold(context.obj):
         print(line)
 
 

@@ -82,6 +82,8 @@ def docs(
     ] = Path("docs/pipeline.md"),
 ) -> None:
     """Write the pages that document the stages and the tables."""
+    from upvl_cli.commands.check_config import CheckConfig
+    from upvl_cli.commands.fit_background_threshold import ThresholdFitConfig
     from upvl_cli.evaluation.config import EvalConfig
     from upvl_cli.pipeline.docs_page import Section
     from upvl_cli.pipeline.docs_page import page as page_of
@@ -99,6 +101,12 @@ def docs(
     after = (
         Section("query", "Finds objects by words, in drives that need no picture.", QueryConfig),
         Section("eval", "Scores labels, tracks and flow where the truth is known.", EvalConfig),
+        Section("check", "Checks times, pictures and calibration of a drive before it is labelled.", CheckConfig),
+        Section(
+            "fit-background-threshold",
+            "Fits the background threshold of a model to unlabelled drives.",
+            ThresholdFitConfig,
+        ),
     )
     write_if_changed(page, page_of(before, STAGES, after, context.obj.stages))
     write_if_changed(page.with_name("tables.md"), tables_page(STAGES))

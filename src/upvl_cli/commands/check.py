@@ -8,9 +8,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from upvl_cli.commands.check_config import CheckConfig
+from upvl_cli.config.toml import load
 from upvl_cli.geometry.path import pose_at
 from upvl_cli.geometry.se3 import apply, inverse
-from upvl_cli.perception.visual.camera_check import GOOD_ENOUGH, Offset, View, offset
+from upvl_cli.perception.visual.camera_check import (
+    CalibrationOffset,
+    ImageSweepPair,
+    estimate_offset,
+    tolerances,
+)
 from upvl_cli.pipeline.tables import Table
 from upvl_cli.runtime.parallel import in_order
 from upvl_cli.stages.rows import OdometryRow
@@ -20,43 +27,41 @@ if TYPE_CHECKING:
     from upvl_cli.pipeline.workspace import Workspace
     from upvl_cli.types import Drive
 
-_PICTURES = 60  # looked at in one drive, over all its cameras
-_FEWEST_FRAMES, _MOST_FRAMES = 8, 20
-_LATE_S = 0.1  # a picture farther from its sweep shows another scene
-_SKEW = 1e-3  # a rotation that is farther from one is no rounding
+_SKEW = 1e-3  # of a rotation matrix times its transpose: more is no rounding
+_CLEAR_SIGMAS = 2.0  # an axis of a faulty calibration is named from here on
 _AXES = (
     "its x axis (to the right)",
     "its y axis (downwards)",
     "its z axis (the view)",
 )
-_FAULTS = np.array([np.deg2rad(1.0)] * 3 + [0.05] * 3)  # what a check should see
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was looked at.
+    """One result of the check.
 
     Attributes:
         about: Name of the camera, or "drive".
         text: One line for people.
-        faulty: Whether it should be mended before the drive is labelled.
-        offset: How far the calibration seems to be off; None where that was not estimated.
+        faulty: Whether it should be repaired before the drive is labelled.
+        offset: Estimated error of the calibration; None where that was not estimated.
     """
 
     about: str
     text: str
     faulty: bool = False
-    offset: Offset | None = None
+    offset: CalibrationOffset | None = None
 
     def __str__(self) -> str:
         return f"{self.about}: {self.text}"
 
 
 def check(workspace: Workspace, segment: str) -> Iterator[Finding]:
-    """Yield what is found on a drive: first on its frames, then on each camera.
+    """Yield the findings on a drive: first on its frames, then on each camera.
 
     Args:
-        workspace: Where the drive is; a drive without poses uses those of `odometry` where they were made.
+        workspace: Names the dataset, and holds check.toml; a drive without poses uses those of `odometry`, where
+            they were made.
         segment: Name of the drive.
 
     Raises:
@@ -69,23 +74,29 @@ def check(workspace: Workspace, segment: str) -> Iterator[Finding]:
         table = Table(path, OdometryRow)
         if table.frames == tuple(frame.index for frame in drive.frames):
             poses = np.array([row.world_from_ego for row in table])
-    yield from check_drive(drive, poses)
+    yield from check_drive(drive, poses, load(CheckConfig, workspace.stages / "check.toml"))
 
 
-def check_drive(drive: Drive, poses: Array | None) -> Iterator[Finding]:
-    """Yield what is found on a drive with its poses, (T, 4, 4); no camera is looked at where times go back."""
-    of_frames = list(_frames(drive))
-    yield from of_frames
-    if any(finding.faulty for finding in of_frames):
+def check_drive(drive: Drive, poses: Array | None, config: CheckConfig) -> Iterator[Finding]:
+    """Yield the findings on a drive; cameras are checked only where times ascend.
+
+    Args:
+        drive: The drive.
+        poses: (T, 4, 4) poses of its frames, if there are any.
+        config: Settings of the check.
+    """
+    on_frames = list(_frames(drive))
+    yield from on_frames
+    if any(finding.faulty for finding in on_frames):
         return
     if not drive.cameras:
         yield Finding("drive", "has no camera")
     for camera in drive.cameras:
-        yield from _camera(drive, camera, poses)
+        yield from _camera(drive, camera, poses, config)
 
 
 def _frames(drive: Drive) -> Iterator[Finding]:
-    """What was left out of a drive, and times that go back."""
+    """Yield what was left out of a drive, and times that go back."""
     for reason, count in drive.skipped.items():
         yield Finding("drive", f"{count} left out: {reason}")
     steps_ns = np.diff([frame.time_ns for frame in drive.frames])
@@ -98,14 +109,14 @@ def _frames(drive: Drive) -> Iterator[Finding]:
         yield Finding("drive", text, faulty=True)
 
 
-def _camera(drive: Drive, camera: Camera, poses: Array | None) -> Iterator[Finding]:
-    """What is found on one camera: its mounting, its pictures and their times, its calibration."""
+def _camera(drive: Drive, camera: Camera, poses: Array | None, config: CheckConfig) -> Iterator[Finding]:
+    """Yield the findings on one camera: its mounting, its pictures and their times, its calibration."""
     turn = camera.ego_from_camera[:3, :3]
     if np.abs(turn.T @ turn - np.eye(3)).max() > _SKEW or np.linalg.det(turn) < 0:
         text = "the rotation of its ego_from_camera is none: look at the calibration"
         yield Finding(camera.name, text, faulty=True)
         return
-    frames = chosen(drive)
+    frames = sample_frames(drive, config)
     pictures = dict(zip(frames, in_order(lambda f: drive.image(f.index, camera.name), frames), strict=True))
     seen = {frame: image for frame, image in pictures.items() if image is not None}
     if len(seen) < len(frames):
@@ -123,67 +134,75 @@ def _camera(drive: Drive, camera: Camera, poses: Array | None) -> Iterator[Findi
         )
         yield Finding(camera.name, text, faulty=True)
         return
-    late_s = max((abs(image.time_ns - frame.time_ns) / 1e9 for frame, image in seen.items()), default=0.0)
-    if late_s > _LATE_S:
-        text = (
-            f"a picture is {late_s:.2f} s from its sweep, expected {_LATE_S} at most: look at the time stamps"
-        )
+    delay_s = max((abs(image.time_ns - frame.time_ns) / 1e9 for frame, image in seen.items()), default=0.0)
+    if delay_s > config.max_delay_s:
+        allowed = f"expected {config.max_delay_s} at most"
+        text = f"a picture is {delay_s:.2f} s from its sweep, {allowed}: look at the time stamps"
         yield Finding(camera.name, text, faulty=True)
-    yield _calibration(camera, list(views(drive, seen, poses)))
+    yield _calibration(camera, list(image_sweep_pairs(drive, seen, poses)), config)
 
 
-def chosen(drive: Drive) -> tuple[Frame, ...]:
-    """Return the frames to look at, evenly from the drive; fewer where there are many cameras."""
-    most = int(np.clip(_PICTURES // max(1, len(drive.cameras)), _FEWEST_FRAMES, _MOST_FRAMES))
+def sample_frames(drive: Drive, config: CheckConfig) -> tuple[Frame, ...]:
+    """Return the frames to check, evenly spread over the drive; fewer where there are many cameras."""
+    per_camera = config.images // max(1, len(drive.cameras))
+    count = int(np.clip(per_camera, config.min_frames, config.max_frames))
     total = len(drive.frames)
-    places = np.unique(np.linspace(0, total - 1, min(most, total)).round().astype(int))
-    return tuple(drive.frames[place] for place in places)
+    steps = np.unique(np.linspace(0, total - 1, min(count, total)).round().astype(int))
+    return tuple(drive.frames[step] for step in steps)
 
 
-def views(drive: Drive, seen: Mapping[Frame, Image], poses: Array | None) -> Iterator[View]:
-    """Yield the pictures, each with the sweep as from where the car stood when it was taken.
+def image_sweep_pairs(
+    drive: Drive, images: Mapping[Frame, Image], poses: Array | None
+) -> Iterator[ImageSweepPair]:
+    """Yield each picture with the sweep of its frame in the ego axes of the time of the picture.
 
-    Without poses the sweep is taken as it is: right where the picture was taken at the frame's time.
+    Args:
+        drive: The drive.
+        images: Pictures of one camera, by frame.
+        poses: (T, 4, 4) poses of all frames; without them the sweep stays in the ego axes of its frame.
     """
-    for frame, image in seen.items():
+    for frame, image in images.items():
         points = drive.points(frame.index)
-        # One LiDAR only, the one of most points: others sit elsewhere and see behind what this one sees.
+        # Only the LiDAR of most points: others are mounted elsewhere and see behind what this one sees.
         xyz_m = points.xyz_ego_m[points.sensor == np.bincount(points.sensor, minlength=1).argmax()]
         if poses is not None and image.time_ns != frame.time_ns and len(poses) > 1:
-            at_picture, at_frame = (
-                pose_at([frame.time_ns for frame in drive.frames], poses, t)
-                for t in (image.time_ns, frame.time_ns)
+            world_from_image, world_from_frame = (
+                pose_at([each.time_ns for each in drive.frames], poses, time_ns)
+                for time_ns in (image.time_ns, frame.time_ns)
             )
-            xyz_m = apply(inverse(at_picture) @ at_frame, xyz_m)
-        yield View(image.rgb, xyz_m)
+            xyz_m = apply(inverse(world_from_image) @ world_from_frame, xyz_m)
+        yield ImageSweepPair(image.rgb, xyz_m)
 
 
-def _calibration(camera: Camera, seen: Sequence[View]) -> Finding:
-    """What the pictures and sweeps of a camera say of its calibration."""
-    found = offset(camera, seen)
+def _calibration(camera: Camera, pairs: Sequence[ImageSweepPair], config: CheckConfig) -> Finding:
+    """Return the finding on the calibration of a camera."""
+    found = estimate_offset(camera, pairs, config.camera)
     if found is None:
-        return Finding(camera.name, f"too few outlines in {len(seen)} pictures to check the calibration")
-    if found.is_off:
-        told = " and ".join(_off(found))
-        return Finding(camera.name, f"{told}: look at the calibration", faulty=True, offset=found)
-    blind = [_bar(k) for k in range(6) if not found.tells(_FAULTS * (np.arange(6) == k))]
-    text = "no fault seen in the calibration" + (f"; it would miss {', '.join(blind)}" if blind else "")
+        return Finding(camera.name, f"too few outlines in {len(pairs)} pictures to check the calibration")
+    if found.is_fault:
+        errors = " and ".join(_errors(found))
+        return Finding(camera.name, f"{errors}: look at the calibration", faulty=True, offset=found)
+    faults = np.diag([np.deg2rad(config.fault_deg)] * 3 + [config.fault_m] * 3)
+    missed = [_fault_in_words(axis, config) for axis in range(6) if not found.would_detect(faults[axis])]
+    text = "no fault seen in the calibration" + (f"; it would miss {', '.join(missed)}" if missed else "")
     return Finding(camera.name, text, offset=found)
 
 
-def _off(found: Offset) -> Iterator[str]:
-    """The axes along or about which a calibration is off, in words; at least the surest one."""
-    sure = np.abs(found.six) / found.sigma
-    off = (np.abs(found.six) > GOOD_ENOUGH) & (sure > 2)
-    off[np.argmax(sure)] = True
-    for k in np.flatnonzero(off):
-        if k < 3:
-            size, sigma = np.rad2deg([found.six[k], found.sigma[k]])
-            yield f"rotated by {size:.2f} +- {sigma:.2f} degrees about {_AXES[k]}"
+def _errors(found: CalibrationOffset) -> Iterator[str]:
+    """Yield the axes along or about which a calibration is off, in words; at least the clearest one."""
+    sigmas = np.abs(found.vector) / found.sigma
+    off = (np.abs(found.vector) > tolerances(found.config)) & (sigmas > _CLEAR_SIGMAS)
+    off[np.argmax(sigmas)] = True
+    for axis in np.flatnonzero(off):
+        if axis < 3:
+            size, sigma = np.rad2deg([found.vector[axis], found.sigma[axis]])
+            yield f"rotated by {size:.2f} +- {sigma:.2f} degrees about {_AXES[axis]}"
         else:
-            size, sigma = found.six[k] * 100, found.sigma[k] * 100
-            yield f"moved by {size:.1f} +- {sigma:.1f} cm along {_AXES[k - 3]}"
+            size, sigma = found.vector[axis] * 100, found.sigma[axis] * 100
+            yield f"moved by {size:.1f} +- {sigma:.1f} cm along {_AXES[axis - 3]}"
 
 
-def _bar(k: int) -> str:
-    return f"1 degree about {'xyz'[k]}" if k < 3 else f"5 cm along {'xyz'[k - 3]}"
+def _fault_in_words(axis: int, config: CheckConfig) -> str:
+    if axis < 3:
+        return f"{config.fault_deg:g} degree{'' if config.fault_deg == 1 else 's'} about {'xyz'[axis]}"
+    return f"{100 * config.fault_m:g} cm along {'xyz'[axis - 3]}"

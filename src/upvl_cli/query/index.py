@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 import pyarrow as pa
 
-from upvl_cli.perception.visual.open_vocabulary import KEPT
+from upvl_cli.perception.visual.open_vocabulary import COMPONENTS
 from upvl_cli.pipeline.tables import Table, footer_digest
 from upvl_cli.query.store import Store, check_basis
 from upvl_cli.runtime.atomic import atomic_file
@@ -41,7 +41,7 @@ class Objects(ParallelArrays):
         points: (n,) points with a feature in the box.
         seven: (n, 7) the box, in ego axes.
         velocity_mps: (n, 3) over the ground along the ego axes.
-        pooled: (n, KEPT) mean feature, rounded.
+        pooled: (n, COMPONENTS) mean feature, rounded.
     """
 
     frame: Array = array("int64")
@@ -52,7 +52,7 @@ class Objects(ParallelArrays):
     points: Array = array("int32")
     seven: Array = array("float32", 7)
     velocity_mps: Array = array("float32", 3)
-    pooled: Array = array("int8", KEPT)
+    pooled: Array = array("int8", COMPONENTS)
 
     @property
     def range_m(self) -> Array:

@@ -57,7 +57,7 @@ def run(inputs: Inputs, config: DetectConfig) -> Iterator[ObjectRow]:
     last = np.cumsum([len(boxes.seven) for boxes in found])
     for pose, boxes, end in zip(poses, found, last, strict=True):
         rows = slice(end - len(boxes.seven), end)
-        codes = fitted.basis.rounded(boxes.feature)
+        codes = fitted.basis.quantize(boxes.feature)
         inputs.count("boxes", len(boxes.seven))
         inputs.count("boxes in no track", (tracked.track_id[rows] < 0).sum())
         placed = Boxes.from_rows(tracked.seven[rows])

@@ -6,13 +6,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from upvl_cli.config.base import Config, setting
+from upvl_cli.config.base import Config, setting, table
+from upvl_cli.perception.background.config import PlaceMemoryConfig, ShapeClassifierConfig
 from upvl_cli.pipeline.stage import Stage
 from upvl_cli.stages.rows import ExtractVlRow, FlowRow, GroundRow, MaskRow, OdometryRow, PcaRow
 
 if TYPE_CHECKING:
+    from upvl_cli.perception.background.masks import BackgroundClassifier
     from upvl_cli.pipeline.stage import Inputs
-    from upvl_cli.types import Array
+    from upvl_cli.types import Array, Model
 
 
 @dataclass(frozen=True)
@@ -20,19 +22,47 @@ class MaskConfig(Config):
     """Settings of `mask`."""
 
     min_speed_mps: float = setting(
-        "a point moves from this speed on: the paper's eps_sf", "m/s", ge=0, le=200
+        "lowest speed of a point that counts as moving: eps_sf of UP-VL", "m/s", ge=0, le=200
     )
-    background: tuple[str, ...] = setting("words for background: the paper's C_bg")
-    calibrated: bool = setting("take the model's own rule, and not the two settings that follow")
-    eps_bg: float = setting("a point this much like a background word is background", ge=-2, le=2)
-    against: tuple[str, ...] = setting("words that background is compared with; none in the paper")
-    no_view: Literal["alike", "remember", "keep", "moving", "drop"] = setting(
-        "a point without a feature: has the state of its place when a camera saw that, else of what looks like it "
-        "to the LiDAR; of its place, else it is kept; is kept; is kept if it moves; is background",
+    background: tuple[str, ...] = setting("words for background: C_bg of UP-VL")
+    use_model_rule: bool = setting(
+        "use the background rule of the vision-language model, not eps_bg and against"
+    )
+    eps_bg: float = setting("lowest score of a background point on the scale of the model", ge=-2, le=2)
+    against: tuple[str, ...] = setting(
+        "words for other things: the score is the highest cosine with a background word less the highest with "
+        "one of these; none in UP-VL"
+    )
+    moving_is_foreground: bool = setting(
+        "a point at moving_mps or faster is never background by words or by place, because background is static"
     )
     moving_mps: float = setting(
-        "from this speed on a point is no background, whatever words say", "m/s", ge=0, le=200
+        "lowest speed of a moving point for moving_is_foreground and unseen_policy", "m/s", ge=0, le=200
     )
+    unseen_policy: Literal["shape_classifier", "place_memory", "keep", "moving", "drop"] = setting(
+        "state of a point without a feature: that of its place at other times, else by its shape "
+        "(shape_classifier); of its place, else unknown (place_memory); unknown, so that it is kept (keep); "
+        "unknown if it moves, else background (moving); background (drop)"
+    )
+    place_memory: PlaceMemoryConfig = table("The background state of a place, from the sweeps that saw it.")
+    shape_classifier: ShapeClassifierConfig = table("The background state of a point, by its LiDAR shape.")
+
+
+def background_classifier(pca: PcaRow, model: Model, config: MaskConfig) -> BackgroundClassifier:
+    """Return the classifier of a model's features as background or not.
+
+    Args:
+        pca: The reduced space of the features.
+        model: The vision-language model.
+        config: Words and threshold.
+    """
+    from upvl_cli.perception.background.masks import BackgroundClassifier
+
+    against, threshold = config.against, config.eps_bg
+    if config.use_model_rule:
+        against, threshold = model.background.against, model.background.threshold
+    words, count = model.embed_text([*config.background, *against]), len(config.background)
+    return BackgroundClassifier(pca.basis, words[:count], words[count:], threshold)
 
 
 def run(inputs: Inputs, config: MaskConfig) -> Iterator[MaskRow]:
@@ -40,51 +70,64 @@ def run(inputs: Inputs, config: MaskConfig) -> Iterator[MaskRow]:
     import numpy as np
 
     from upvl_cli.geometry.se3 import apply
-    from upvl_cli.perception.background.completion import Sighting, Unseen
-    from upvl_cli.perception.background.masks import Background, moving, settled
-    from upvl_cli.perception.background.shape_classifier import shapes
+    from upvl_cli.perception.background.completion import BackgroundCompletion, SweepBackground
+    from upvl_cli.perception.background.masks import apply_motion_and_policy, moving
+    from upvl_cli.perception.background.shape_classifier import compute_shape_features
     from upvl_cli.runtime.parallel import in_order
 
-    (fitted,) = inputs.table("pca", PcaRow)
+    (pca,) = inputs.table("pca", PcaRow)
     features, flows = inputs.table("extract-vl", ExtractVlRow), inputs.table("flow", FlowRow)
     grounds = inputs.table("ground", GroundRow)
     drive, poses = inputs.drive, list(inputs.table("odometry", OdometryRow))
-    own = inputs.model.background
-    against, eps = (own.against, own.threshold) if config.calibrated else (config.against, config.eps_bg)
-    words = inputs.model.embed_text([*config.background, *against])
-    rule = Background(fitted.basis, words[: len(config.background)], words[len(config.background) :], eps)
+    classifier = background_classifier(pca, inputs.model, config)
 
-    def sighting(pose: OdometryRow) -> Sighting:
-        """What the cameras tell of the points above the ground."""
-        of, above = features[pose.frame], ~grounds[pose.frame].is_ground
+    def seen_background(pose: OdometryRow) -> Array:
+        """Return the state of each point by words."""
+        return classifier.classify(features[pose.frame].state, features[pose.frame].feature)
+
+    def is_moving(pose: OdometryRow) -> Array:
+        """Return whether each point moves as the rules for moving points ask for."""
+        return moving(flows[pose.frame].flow_mps, min_speed_mps=config.moving_mps)
+
+    def sweep_background(pose: OdometryRow) -> SweepBackground:
+        """Return what the cameras tell of the points above the ground."""
+        ground = grounds[pose.frame]
+        above = ~ground.is_ground
         xyz_m = drive.points(pose.frame).xyz_ego_m[above].astype(np.float64)
-        return Sighting(
-            rule.of(of.state, of.feature)[above],
-            moving(flows[pose.frame].flow_mps[above], min_speed_mps=config.moving_mps),
+        by_shape = config.unseen_policy == "shape_classifier"
+        return SweepBackground(
+            seen_background(pose)[above],
+            is_moving(pose)[above] & config.moving_is_foreground,
             apply(pose.world_from_ego, xyz_m),
-            shapes(xyz_m, grounds[pose.frame].height_m[above]) if config.no_view == "alike" else None,
+            compute_shape_features(xyz_m, ground.height_m[above], config.shape_classifier)
+            if by_shape
+            else None,
         )
 
-    learns = config.no_view in ("alike", "remember")
-    unseen = Unseen(in_order(sighting, poses if learns else ()))
+    completes = config.unseen_policy in ("shape_classifier", "place_memory")
+    sweeps = in_order(sweep_background, poses if completes else ())
+    completion = BackgroundCompletion(sweeps, config.place_memory, config.shape_classifier)
 
-    def state(pose: OdometryRow) -> Array:
-        """State of each point."""
-        of = features[pose.frame]
-        background = rule.of(of.state, of.feature)
-        if learns:
-            background[~grounds[pose.frame].is_ground] = unseen.of(sighting(pose))
-        fast = moving(flows[pose.frame].flow_mps, min_speed_mps=config.moving_mps)
-        return settled(background, fast, policy=config.no_view)
+    def final_background(pose: OdometryRow) -> Array:
+        """Return the state of each point."""
+        background = seen_background(pose)
+        if completes:
+            background[~grounds[pose.frame].is_ground] = completion.complete(sweep_background(pose))
+        return apply_motion_and_policy(
+            background,
+            is_moving(pose),
+            policy=config.unseen_policy,
+            moving_is_foreground=config.moving_is_foreground,
+        )
 
-    for pose, background in zip(poses, in_order(state, poses), strict=True):
-        is_moving = moving(flows[pose.frame].flow_mps, min_speed_mps=config.min_speed_mps)
-        inputs.count("points moving", is_moving.sum())
-        inputs.count("points still", (~is_moving).sum())
+    for pose, background in zip(poses, in_order(final_background, poses), strict=True):
+        above_eps_sf = moving(flows[pose.frame].flow_mps, min_speed_mps=config.min_speed_mps)
+        inputs.count("points moving", above_eps_sf.sum())
+        inputs.count("points still", (~above_eps_sf).sum())
         inputs.count("points background", (background == 1).sum())
         inputs.count("points not background", (background == 0).sum())
         inputs.count("points without a feature, kept", (background < 0).sum())
-        yield MaskRow(inputs.segment, pose.frame, is_moving, background)
+        yield MaskRow(inputs.segment, pose.frame, above_eps_sf, background)
 
 
 STAGE = Stage(

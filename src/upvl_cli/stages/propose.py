@@ -76,7 +76,7 @@ def run(inputs: Inputs, config: ProposeConfig) -> Iterator[ProposalRow]:
         """The strongest values of the features of points, in metres; 0 where there is none."""
         of = features[frame]
         values = np.zeros((len(above), LOOK))
-        values[of.state == SEEN] = fitted.basis.values(of.feature)[:, :LOOK] * look_m
+        values[of.state == SEEN] = fitted.basis.dequantize(of.feature)[:, :LOOK] * look_m
         return values[above]
 
     def above_ground(pose: OdometryRow) -> Array:

@@ -131,7 +131,7 @@ def _frames(inputs: Inputs, config: TrainConfig, grid: Grid, basis: Basis, here:
         lengths,
         lambda name: _source(inputs, name),
         grid=grid,
-        values=basis.values,
+        values=basis.dequantize,
         held_out=config.held_out,
         paste=config.paste,
         seed=config.seed,

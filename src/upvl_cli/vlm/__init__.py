@@ -1,4 +1,4 @@
-"""Vision-language models: pictures and words in one space. Each loads its libraries only when it is opened."""
+"""Vision-language models: pictures and words in one space. A model loads its libraries when it is opened."""
 
 from __future__ import annotations
 
@@ -70,15 +70,15 @@ MODELS: dict[str, ModelFamily] = {
 
 
 def model_family(model: str) -> tuple[ModelFamily, str]:
-    """The adapter that a value such as "clip:/models/b16" names, and what follows its colon.
+    """Return the model family that a value such as "clip:/models/b16" names, and what follows its colon.
 
     Raises:
-        BadSetting: No adapter has that name.
+        BadSetting: No family has that name.
     """
     name, _, weights = model.partition(":")
     if name not in MODELS:
         close = difflib.get_close_matches(name, MODELS, n=1)
         hint = f"; did you mean {close[0]!r}?" if close else ""
-        known = ", ".join(repr(one.example) for one in MODELS.values())
+        known = ", ".join(repr(family.example) for family in MODELS.values())
         raise BadSetting(f"vlm.toml: model = {model!r}: unknown model {name!r}{hint} (for example: {known})")
     return MODELS[name], weights

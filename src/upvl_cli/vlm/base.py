@@ -1,4 +1,4 @@
-"""What every vision-language model offers: pictures and words as vectors of one space."""
+"""How vision-language models are opened, and what some of them offer beside `Model` of `types`."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ if TYPE_CHECKING:
 
 @runtime_checkable
 class Speller(Protocol):
-    """A model that knows which words there are; one without this takes any string for a word."""
+    """A model with a vocabulary; one without this takes any string as a word."""
 
     def unknown_words(self, phrases: Sequence[str]) -> list[tuple[str, str]]:
-        """Each word of the phrases that is likely misspelt, with the spelling that was perhaps meant, or ""."""
+        """Return each word of the phrases that is likely misspelt, with its likely spelling, or ""."""
 
 
 @dataclass(frozen=True)

@@ -24,11 +24,11 @@ HUB_PATTERNS = ["*.safetensors", "*.json", "*.txt", "*.model"]
 
 
 def folder(weights: str, where: str) -> Path:
-    """Folder of a checkpoint: on this machine, or fetched from the Hugging Face hub if it is not there yet.
+    """Return the folder of a checkpoint: on this machine, or fetched from the Hugging Face hub if it is not there yet.
 
     Args:
         weights: Path of a folder, or a name such as openai/clip-vit-base-patch16.
-        where: The setting that says so, for messages.
+        where: The setting that names it, for messages.
 
     Raises:
         BadInput: It is neither a folder nor a model of the hub that can be had.
@@ -43,7 +43,7 @@ def folder(weights: str, where: str) -> Path:
 
 
 def _cached(name: str, where: str) -> Path | None:
-    """Folder of a model of the hub that was fetched before."""
+    """Return the folder of a model of the hub that was fetched before."""
     try:
         from huggingface_hub import snapshot_download
     except ImportError as error:
@@ -59,7 +59,7 @@ def _cached(name: str, where: str) -> Path | None:
 
 
 def _fetched(name: str, where: str) -> Path:
-    """Folder of a model of the hub, fetched now."""
+    """Fetch a model of the hub and return its folder."""
     from huggingface_hub import snapshot_download
 
     try:
@@ -72,7 +72,7 @@ def _fetched(name: str, where: str) -> Path:
 
 
 def files(checkpoint: Path, kinds: Sequence[str], needed: Sequence[str] = ()) -> tuple[Path, ...]:
-    """Files that make a checkpoint, sorted; they are checked, but the weights are not read.
+    """Return the files that make a checkpoint, sorted; they are checked, but the weights are not read.
 
     Args:
         checkpoint: Its folder.
@@ -104,7 +104,7 @@ def files(checkpoint: Path, kinds: Sequence[str], needed: Sequence[str] = ()) ->
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """The object that a JSON file holds.
+    """Return the object that a JSON file holds.
 
     Raises:
         BadInput: It holds something else.
@@ -119,8 +119,8 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 @contextmanager
-def reading(checkpoint: Path) -> Iterator[None]:
-    """Where transformers reads a checkpoint: in silence, its failures one line.
+def transformers_errors(checkpoint: Path) -> Iterator[None]:
+    """Silence transformers while it reads a checkpoint, and raise its failures as errors of one line.
 
     Its report would list the other tower's weights as unexpected, on every run.
 
@@ -151,35 +151,35 @@ def reading(checkpoint: Path) -> Iterator[None]:
 
 
 def config(checkpoint: Path) -> Any:
-    """Its configuration, with the defaults of its kind filled in."""
-    with reading(checkpoint):
+    """Return the configuration of a checkpoint, with the defaults of its kind filled in."""
+    with transformers_errors(checkpoint):
         from transformers import AutoConfig
 
         return AutoConfig.from_pretrained(checkpoint, local_files_only=True, trust_remote_code=False)
 
 
 def tokenizer(checkpoint: Path) -> Any:
-    """Its tokenizer."""
-    with reading(checkpoint):
+    """Return the tokenizer of a checkpoint."""
+    with transformers_errors(checkpoint):
         from transformers import AutoTokenizer
 
         return AutoTokenizer.from_pretrained(checkpoint, local_files_only=True, trust_remote_code=False)
 
 
-def tower(kind: Any, checkpoint: Path, configuration: Any) -> Any:
-    """One of its networks, in float32, on the accelerator if there is one; the rest is left on the disk.
+def load_tower(kind: Any, checkpoint: Path, configuration: Any) -> Any:
+    """Load one network of a checkpoint, in float32, on the accelerator if there is one.
 
     Args:
-        kind: Class of transformers.
-        checkpoint: Folder.
-        configuration: Of this tower.
+        kind: Class of the network, of the library transformers.
+        checkpoint: Folder; weights of other networks in it are not read.
+        configuration: Configuration of this network.
 
     Raises:
         BadInput: Weights are missing or have other shapes.
     """
     import torch
 
-    with reading(checkpoint):
+    with transformers_errors(checkpoint):
         network, report = kind.from_pretrained(
             checkpoint,
             config=configuration,

@@ -28,7 +28,7 @@ NEUTRAL = ("object", "thing", "vehicle", "person")
 
 
 def files(weights: str) -> tuple[Path, ...]:
-    """The files that make the model.
+    """Return the files that make the model.
 
     Raises:
         BadInput: It is not a checkpoint of CLIP or SigLIP with safetensors.
@@ -49,7 +49,7 @@ class Clip:
 
     Attributes:
         background: Compares with neutral words, because cosines of CLIP have an offset; a start that
-            `upvl calibrate` refines.
+            `upvl fit-background-threshold` refines.
     """
 
     background = BackgroundRule(NEUTRAL, 0.0)
@@ -71,11 +71,11 @@ class Clip:
         return self._text.dim
 
     def embed_text(self, words: Sequence[str]) -> Floats:
-        """(t, d) vectors of length 1."""
+        """Return (t, d) vectors of length 1."""
         return self._text.embed(words)
 
     def embed_image(self, rgb: Array) -> Floats:
-        """(h / patch, w / patch, d) features; of a picture smaller than a window those of one scaled up to it."""
+        """Return (h / patch, w / patch, d) features; a picture smaller than a window is scaled up to one."""
         import torch
 
         tower = self._image
@@ -83,7 +83,7 @@ class Clip:
         high, wide = pixels.shape[1] // tower.patch, pixels.shape[2] // tower.patch
         corners = list(product(window_starts(high, tower.cells), window_starts(wide, tower.cells)))
         side = tower.cells * tower.patch
-        total, seen = torch.zeros(high, wide, self.dim), torch.zeros(high, wide, 1)
+        total, count = torch.zeros(high, wide, self.dim), torch.zeros(high, wide, 1)
         with torch.inference_mode():
             for start in range(0, len(corners), BATCH):
                 batch = corners[start : start + BATCH]
@@ -91,17 +91,17 @@ class Clip:
                 windows = torch.stack([pixels[:, v : v + side, u : u + side] for v, u in places])
                 features = tower.features(windows.to(tower.device)).cpu()
                 for (row, column), window in zip(batch, features, strict=True):
-                    of = np.s_[row : row + tower.cells, column : column + tower.cells]
-                    total[of] += window
-                    seen[of] += 1
-        return np.asarray((total / seen).numpy())
+                    window_cells = np.s_[row : row + tower.cells, column : column + tower.cells]
+                    total[window_cells] += window
+                    count[window_cells] += 1
+        return np.asarray((total / count).numpy())
 
     def _pixels(self, rgb: Array) -> Tensor:
-        """(3, h, w) normalised pixels of the picture, scaled so that it is whole patches and at least a window."""
+        """Return (3, h, w) normalised pixels of the picture, resized to whole patches and at least a window."""
         import torch
         from PIL import Image
 
-        size = covered_size(rgb.shape[0], rgb.shape[1], self._image.cells, self._image.patch)
+        size = resized_size(rgb.shape[0], rgb.shape[1], self._image.cells, self._image.patch)
         picture = Image.fromarray(rgb).resize(size[::-1], Image.Resampling.BICUBIC)
         scale, mean, std = self._normalisation
         pixels = (np.asarray(picture, dtype=np.float32) * scale - mean) / std
@@ -128,13 +128,13 @@ class Clip:
         return ClipImage(self._checkpoint)
 
 
-def covered_size(height: int, width: int, cells: int, patch: int) -> tuple[int, int]:
-    """Height and width in pixels, whole patches, of the picture that is cut into windows.
+def resized_size(height: int, width: int, cells: int, patch: int) -> tuple[int, int]:
+    """Return height and width in pixels, whole patches, of the resized picture that is cut into windows.
 
     Args:
-        height: Of the picture as it is.
-        width: Likewise.
-        cells: Patches along the side of a window, which the picture must not be smaller than.
+        height: Height of the picture in pixels.
+        width: Width of the picture in pixels.
+        cells: Patches along the side of a window; the resized picture is not smaller.
         patch: Side of a patch in pixels.
     """
     scale = max(1.0, cells * patch / min(height, width))
@@ -143,11 +143,11 @@ def covered_size(height: int, width: int, cells: int, patch: int) -> tuple[int, 
 
 
 def window_starts(length: int, cells: int) -> list[int]:
-    """First cells of windows that cover a line evenly and overlap by a quarter or more.
+    """Return the first cells of windows that cover a line evenly and overlap by a quarter or more.
 
     Args:
         length: Cells of the line, at least those of a window.
-        cells: Of a window.
+        cells: Cells of a window.
     """
     step = max(1, int(cells * (1 - OVERLAP)))
     count = -(-(length - cells) // step) + 1

@@ -1,7 +1,7 @@
-"""Dense features of CLIP or SigLIP in one window: what each patch says, in the space of the words.
+"""Dense features of CLIP or SigLIP in one window: a vector of each patch, in the space of the words.
 
-Both pool by attention: the picture's vector is a weighted mean of what each patch has to say, its value. The
-values themselves are therefore features of the patches in the same space (C. Zhou et al., "Extract Free Dense
+Both pool by attention: the picture's vector is a weighted mean of the values of its patches. The values are
+therefore features of the patches in the same space (C. Zhou et al., "Extract Free Dense
 Labels from CLIP", ECCV 2022: MaskCLIP). Residual and MLP of the last block are left out: they carry
 what is alike everywhere (M. Lan et al., "ClearCLIP", ECCV 2024).
 """
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class ClipImage:
-    """The vision tower, its last block taken apart.
+    """The vision tower, with its last block reduced to the value path.
 
     Attributes:
         patch: Side of a patch in pixels.
@@ -27,22 +27,22 @@ class ClipImage:
     """
 
     def __init__(self, folder: Path) -> None:
-        """Load it.
+        """Load the tower.
 
         Args:
             folder: A checkpoint of CLIP or SigLIP.
         """
-        with checkpoint.reading(folder):
+        with checkpoint.transformers_errors(folder):
             from transformers import CLIPVisionModelWithProjection, SiglipVisionModel
 
-        whole = checkpoint.config(folder)
-        self._siglip = whole.model_type == "siglip"
-        config = whole.vision_config
+        full = checkpoint.config(folder)
+        self._siglip = full.model_type == "siglip"
+        config = full.vision_config
         if self._siglip:
-            self._vision = checkpoint.tower(SiglipVisionModel, folder, config)
+            self._vision = checkpoint.load_tower(SiglipVisionModel, folder, config)
         else:
-            config.projection_dim = whole.projection_dim
-            tower = checkpoint.tower(CLIPVisionModelWithProjection, folder, config)
+            config.projection_dim = full.projection_dim
+            tower = checkpoint.load_tower(CLIPVisionModelWithProjection, folder, config)
             self._vision, self._projection = tower.vision_model, tower.visual_projection
         self.patch = int(config.patch_size)
         self.cells = int(config.image_size) // self.patch
@@ -52,7 +52,7 @@ class ClipImage:
         self._vision.encoder.layers = layers[:-1]
 
     def features(self, windows: Tensor) -> Tensor:
-        """(b, cells, cells, d) features of windows.
+        """Return (b, cells, cells, d) features of windows.
 
         Args:
             windows: (b, 3, cells * patch, cells * patch) normalised pixels.
@@ -65,7 +65,7 @@ class ClipImage:
         return features.reshape(len(windows), self.cells, self.cells, -1)
 
     def before_last(self, windows: Tensor) -> Tensor:
-        """(b, tokens, width) what the last block is given; CLIP's first token is of the whole picture."""
+        """Return (b, tokens, width) inputs of the last block; CLIP's first token is of the whole picture."""
         tokens = self._vision.embeddings(windows)
         if not self._siglip:
             tokens = self._vision.pre_layrnorm(tokens)
@@ -73,7 +73,7 @@ class ClipImage:
         return hidden
 
     def _head_values(self, tokens: Tensor) -> Tensor:
-        """(b, patches, d) what SigLIP's pooling head would give if it looked at one patch only."""
+        """Return (b, patches, d) outputs of SigLIP's pooling head if it attended to one patch only."""
         from torch.nn import functional
 
         head = self._vision.head

@@ -31,16 +31,16 @@ class ClipText:
             folder: A checkpoint of CLIP or SigLIP, or the text tower of CLIP alone.
         """
         self._folder = folder
-        whole = checkpoint.config(folder)
-        self._siglip = whole.model_type == "siglip"
-        self._config = whole if whole.model_type == "clip_text_model" else whole.text_config
-        if whole.model_type == "clip":
+        full = checkpoint.config(folder)
+        self._siglip = full.model_type == "siglip"
+        self._config = full if full.model_type == "clip_text_model" else full.text_config
+        if full.model_type == "clip":
             # The copy of this number in the tower's own configuration is often left at its default.
-            self._config.projection_dim = whole.projection_dim
+            self._config.projection_dim = full.projection_dim
         self.dim = int(self._config.projection_size if self._siglip else self._config.projection_dim)
 
     def embed(self, words: Sequence[str]) -> Floats:
-        """(t, d) float32 vectors of length 1, one a word or phrase."""
+        """Return (t, d) float32 vectors of length 1, one a word or phrase."""
         parts = [self._vectors(words[start : start + BATCH]) for start in range(0, len(words), BATCH)]
         return np.concatenate([np.zeros((0, self.dim), np.float32), *parts])
 
@@ -69,8 +69,8 @@ class ClipText:
 
     @cached_property
     def _tower(self) -> Any:
-        with checkpoint.reading(self._folder):
+        with checkpoint.transformers_errors(self._folder):
             from transformers import CLIPTextModelWithProjection, SiglipTextModel
 
         kind = SiglipTextModel if self._siglip else CLIPTextModelWithProjection
-        return checkpoint.tower(kind, self._folder, self._config)
+        return checkpoint.load_tower(kind, self._folder, self._config)

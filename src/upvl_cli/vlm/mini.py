@@ -22,15 +22,15 @@ OBJECTS = (
     "car", "vehicle", "parked vehicle", "sedan", "truck", "bus", "van", "minivan", "school bus", "pickup truck",
     "ambulance", "fire truck", "human", "person", "pedestrian", "cyclist", "bicycle",
 )  # fmt: skip
-# Pictures are brought to about the size that the network learnt at, and looked at once more at less and mirrored:
-# what is large and near is told from far away, and the two looks err in different places.
-DETAIL_PX, LARGEST = 180_000, 1.25
-WHOLE_SCALE, WHOLE_WEIGHT = 0.625, 0.5
+# Test-time augmentation: pictures are resized to about the size of the training, and embedded once more at a lower
+# resolution and mirrored: large, near objects are recognized there, and the errors of both are independent.
+DETAIL_PX, MAX_SCALE = 180_000, 1.25
+COARSE_SCALE, COARSE_WEIGHT = 0.625, 0.5
 FILES = ("mini_image.safetensors", "mini_text.safetensors", "mini_phrases.txt", "mini_tokenizer.json")
 
 
 def files(weights: str) -> tuple[Path, ...]:
-    """The files that make the model.
+    """Return the files that make the model.
 
     Raises:
         BadSetting: Weights are named, though it has its own.
@@ -61,33 +61,32 @@ class Mini:
         return int(self.text.vectors.shape[1])
 
     def embed_text(self, words: Sequence[str]) -> Floats:
-        """(t, d) vectors of length 1."""
+        """Return (t, d) vectors of length 1."""
         return self.text.embed(words)
 
     def unknown_words(self, phrases: Sequence[str]) -> list[tuple[str, str]]:
-        """Words that are in no table (a `Speller`)."""
+        """Return words that are in no table (a `Speller`)."""
         return self.text.unknown_words(phrases)
 
     def embed_image(self, rgb: Array) -> Floats:
-        """(h', w', d) features of length 1, from a look at the details and one at the whole."""
+        """Return (h', w', d) features of length 1, from a fine and a coarse resolution."""
         import torch
         from torch.nn import functional
 
-        torch.set_num_threads(
-            1
-        )  # pictures are looked at side by side: that takes fewer steps than to share one
+        # Several pictures are embedded at once: that is faster than many threads on one.
+        torch.set_num_threads(1)
         height, width, _ = rgb.shape
         pixels = torch.tensor(rgb).permute(2, 0, 1)[None].float()
-        scale = min((DETAIL_PX / (height * width)) ** 0.5, LARGEST)
+        scale = min((DETAIL_PX / (height * width)) ** 0.5, MAX_SCALE)
         with torch.inference_mode():
-            detail = self._looked(pixels, scale)
-            whole = self._looked(pixels.flip(-1), scale * WHOLE_SCALE).flip(-1)
-            whole = functional.interpolate(whole, detail.shape[-2:], mode="bilinear", align_corners=False)
-            features = functional.normalize(detail + WHOLE_WEIGHT * whole, dim=1)
+            detail = self._embed_at(pixels, scale)
+            coarse = self._embed_at(pixels.flip(-1), scale * COARSE_SCALE).flip(-1)
+            coarse = functional.interpolate(coarse, detail.shape[-2:], mode="bilinear", align_corners=False)
+            features = functional.normalize(detail + COARSE_WEIGHT * coarse, dim=1)
         return np.asarray(features[0].permute(1, 2, 0).numpy())
 
-    def _looked(self, pixels: Tensor, scale: float) -> Tensor:
-        """(1, d, h', w') features of length 1 of a picture at another size, of whole cells."""
+    def _embed_at(self, pixels: Tensor, scale: float) -> Tensor:
+        """Return (1, d, h', w') features of length 1 of a picture resized to whole cells."""
         import torch
         from torch.nn import functional
 
@@ -113,4 +112,4 @@ class Mini:
         network = MiniNetwork(self.dim)
         weights = {name: value.float() for name, value in load_file(WEIGHTS / FILES[0]).items()}
         network.load_state_dict(weights, strict=False)  # the norms' counters are of no use here
-        return network.train(False).fused()
+        return network.train(False).fuse()

@@ -1,4 +1,4 @@
-"""The image half of `mini`: a small convolutional network whose pixels point at words.
+"""The image network of `mini`: a small convolutional network that embeds pixels in the space of the words.
 
 Trunk: EfficientNet-Lite0 (Tan and Le, "EfficientNet", ICML 2019; the Lite family has no squeeze and no
 swish) without its classifier. Neck: a feature pyramid (Lin et al., CVPR 2017) down to a quarter of the picture.
@@ -23,7 +23,7 @@ _WIDE, _NARROW = 128, 64
 
 
 class _Conv(nn.Module):
-    """A convolution, its norm, and its cut at 6 where it has one."""
+    """A convolution, its norm, and ReLU6 where it has one."""
 
     def __init__(
         self, before: int, after: int, kernel: int, *, stride: int = 1, groups: int = 1, cut: bool = True
@@ -59,7 +59,7 @@ class MiniNetwork(nn.Module):
     """From (n, 3, h, w) pictures, 0 to 255, to (n, dim, h / 4, w / 4) features of no fixed length."""
 
     def __init__(self, dim: int) -> None:
-        """Build it; the weights come from elsewhere."""
+        """Build the layers; weights are loaded afterwards."""
         super().__init__()
         self.stem = _Conv(3, 32, 3, stride=2)
         self.stages = nn.ModuleList()
@@ -70,11 +70,11 @@ class MiniNetwork(nn.Module):
                 stage.append(_Block(before, after, kernel, stride if number == 0 else 1, growth))
                 before = after
             self.stages.append(stage)
-        fine, middle, coarse, whole = (_STAGES[number][0] for number in _FEEDS)
-        self.scene = nn.Conv2d(whole, _WIDE, 1)
+        fine, middle, coarse, coarsest = (_STAGES[number][0] for number in _FEEDS)
+        self.scene = nn.Conv2d(coarsest, _WIDE, 1)
         self.sides = nn.ModuleList(
             [
-                _Conv(whole, _WIDE, 1, cut=False),
+                _Conv(coarsest, _WIDE, 1, cut=False),
                 _Conv(coarse, _WIDE, 1, cut=False),
                 _Conv(middle, _WIDE, 1, cut=False),
             ]
@@ -85,7 +85,7 @@ class MiniNetwork(nn.Module):
         self.last = _Conv(_NARROW, _NARROW, 3)
         self.point = nn.Conv2d(_NARROW, dim, 1)
 
-    def fused(self) -> MiniNetwork:
+    def fuse(self) -> MiniNetwork:
         """Fold the norms into the convolutions, for use without training; returns itself."""
         for module in self.modules():
             if isinstance(module, _Conv):
@@ -95,14 +95,14 @@ class MiniNetwork(nn.Module):
         return self
 
     def forward(self, rgb: Tensor) -> Tensor:
-        """(n, dim, h / 4, w / 4) features of (n, 3, h, w) pictures."""
+        """Return (n, dim, h / 4, w / 4) features of (n, 3, h, w) pictures."""
         x = self.stem((rgb - 127.0) / 128.0)
         feeds = []
         for number, stage in enumerate(self.stages):
             x = stage(x)
             if number in _FEEDS:
                 feeds.append(x)
-        # What the picture shows as a whole says what a patch of it can be.
+        # Global context: the mean of the coarsest features.
         y = self.scene(x.mean(dim=(2, 3), keepdim=True))
         for side, mix, feed in zip(self.sides, self.mixes, reversed(feeds[1:]), strict=True):
             wide = y if y.shape[-2:] == feed.shape[-2:] or y.shape[-1] == 1 else _twice(y)

@@ -1,11 +1,11 @@
-"""The text half of `mini`: any English phrase as a vector, from tables made of all-MiniLM-L6-v2.
+"""The text encoder of `mini`: any English phrase as a vector, from tables made of all-MiniLM-L6-v2.
 
 A phrase of the table has the full model's vector. Any other is the weighted mean of its tokens, as in
 model2vec: rare tokens count more (smooth inverse frequency; Arora et al., "A simple but tough-to-beat
 baseline for sentence embeddings", ICLR 2017), the frequency taken from the rank in the vocabulary (Zipf).
 
-Pixels were taught to point at the means of the synonyms of some concepts. A word that is near such a concept
-is drawn to it, so that "motorway" finds what "road" finds; a word that is near none stays where it is.
+Pixels were trained on the means of the synonyms of some concepts. A word that is near such a concept is attracted
+by it, so that "motorway" finds what "road" finds; a word that is near none stays where it is.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ import numpy as np
 from tokenizers import Tokenizer
 
 from upvl_cli.types import Array, Floats, Ints
-from upvl_cli.vlm.spelling import unknown
+from upvl_cli.vlm.spelling import unknown_words
 
 SMOOTH = 1e-3  # of the inverse frequency
-# How words are drawn to concepts; docs/log.md has what was tried.
-PULL = 3.0  # how strongly, beside the word's own vector
-SHARP = 0.03  # cosine that makes one concept count e times another
-NEAR, SOFT = 0.35, 0.05  # a word this near to a concept is drawn to it by half; how gradually that begins
+# How words are attracted by concepts; docs/log.md has what was tried.
+ATTRACTION = 3.0  # weight of the concepts, beside 1 of the word's own vector
+TEMPERATURE = 0.03  # of the softmax over cosines with concepts
+MIDPOINT, SLOPE = 0.35, 0.05  # logistic gate: cosine with the nearest concept at half weight, and its width
 
 
-def plain(phrase: str) -> str:
-    """A phrase as the table has it: lower case, single spaces, no article, no full stop."""
+def normalize(phrase: str) -> str:
+    """Return a phrase as the table has it: lower case, single spaces, no article, no full stop."""
     words = re.sub(r"\s+", " ", phrase.strip().lower()).rstrip(".")
     return re.sub(r"^(an?|the) (?=\S)", "", words)
 
@@ -47,7 +47,7 @@ class MiniText:
         Args:
             tables: `tokens` (v, d), `phrases` (p, d) and `concepts` (k, d), int8, each with its scale a row:
                 `token_scale` (v,), `phrase_scale` (p,), `concept_scale` (k,).
-            phrases: The p phrases, as `plain` writes them.
+            phrases: The p phrases, as `normalize` writes them.
             tokenizer: JSON file of the tokenizer.
         """
         self._tokens = tables["tokens"] * tables["token_scale"][:, None]
@@ -60,48 +60,48 @@ class MiniText:
         self._tokenizer.no_truncation()
 
     def embed(self, words: Sequence[str]) -> Floats:
-        """(t, d) float32 vectors of length 1, drawn to concepts; zeros for a phrase without a single known token."""
-        vectors = self.undrawn(words)
-        likeness = vectors @ self._concepts.T
-        share = np.exp((likeness - likeness.max(axis=1, keepdims=True)) / SHARP)
+        """Return (t, d) float32 vectors of length 1, attracted by concepts; zeros without a known token."""
+        vectors = self.embed_plain(words)
+        similarity = vectors @ self._concepts.T
+        share = np.exp((similarity - similarity.max(axis=1, keepdims=True)) / TEMPERATURE)
         towards = unit(share @ self._concepts)
-        near = 1 / (1 + np.exp((NEAR - likeness.max(axis=1, keepdims=True)) / SOFT))
-        return unit(vectors + PULL * near * vectors.any(axis=1, keepdims=True) * towards)
+        near = 1 / (1 + np.exp((MIDPOINT - similarity.max(axis=1, keepdims=True)) / SLOPE))
+        return unit(vectors + ATTRACTION * near * vectors.any(axis=1, keepdims=True) * towards)
 
-    def undrawn(self, words: Sequence[str]) -> Floats:
-        """(t, d) float32 vectors of length 1, as the full model or the tokens have them."""
-        rows = [self._vector(plain(word)) for word in words]
+    def embed_plain(self, words: Sequence[str]) -> Floats:
+        """Return (t, d) float32 vectors of length 1 of the full model or of the tokens, without attraction."""
+        rows = [self._vector(normalize(word)) for word in words]
         return np.array(rows, dtype=np.float32).reshape(-1, self._tokens.shape[1])
 
     def _vector(self, phrase: str) -> Floats:
         place = self._place.get(phrase)
-        return self.vectors[place] if place is not None else self.of_tokens(phrase)
+        return self.vectors[place] if place is not None else self.embed_tokens(phrase)
 
     def unknown_words(self, phrases: Sequence[str]) -> list[tuple[str, str]]:
-        """Words that are neither whole tokens nor in a phrase of the table, with a likely spelling."""
-        return unknown(
+        """Return words that are neither complete tokens nor in a phrase of the table, with a likely spelling."""
+        return unknown_words(
             [word for phrase in phrases for word in self._words(phrase)],
             lambda word: self._tokenizer.token_to_id(word) is not None,
             {word for phrase in self.phrases for word in self._words(phrase)},
         )
 
     def _words(self, phrase: str) -> list[str]:
-        normal = self._tokenizer.normalizer.normalize_str(plain(phrase))
+        normal = self._tokenizer.normalizer.normalize_str(normalize(phrase))
         return [word for word, _ in self._tokenizer.pre_tokenizer.pre_tokenize_str(normal)]
 
-    def of_tokens(self, phrase: str) -> Floats:
-        """(d,) what a phrase outside the table gets."""
-        of = np.array(self._tokenizer.encode(phrase, add_special_tokens=False).ids, dtype=np.int64)
-        return unit((self._tokens[of] * token_weight(of, len(self._tokens))[:, None]).sum(axis=0))
+    def embed_tokens(self, phrase: str) -> Floats:
+        """Return the (d,) vector of a phrase outside the table."""
+        token = np.array(self._tokenizer.encode(phrase, add_special_tokens=False).ids, dtype=np.int64)
+        return unit((self._tokens[token] * token_weight(token, len(self._tokens))[:, None]).sum(axis=0))
 
 
 def token_weight(token: Ints, total: int) -> Floats:
-    """(n,) how much each token counts: the smooth inverse of how frequent Zipf's law says it is."""
+    """Return the (n,) weight of each token: the smooth inverse of how frequent Zipf's law says it is."""
     frequency = 1 / ((token + 2) * np.log(total))
     return np.asarray(SMOOTH / (SMOOTH + frequency))
 
 
 def unit(vectors: Array) -> Floats:
-    """Vectors of length 1; a zero stays zero."""
+    """Return vectors scaled to length 1; a zero stays zero."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.asarray(vectors / np.where(length > 0, length, 1), dtype=np.float32)

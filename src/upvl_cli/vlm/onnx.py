@@ -20,35 +20,35 @@ IMAGE, TEXT, TOKENIZER, CARD = FILES = ("image.onnx", "text.onnx", "tokenizer.js
 FLOAT, INTEGER = "tensor(float)", "tensor(int64)"
 
 
-def _number(value: Any) -> bool:
+def _is_number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 
 
-def _whole(value: Any) -> bool:
+def _is_integer(value: Any) -> bool:
     return isinstance(value, int) and not isinstance(value, bool)
 
 
-def _three(value: Any) -> bool:
-    return isinstance(value, list) and len(value) == 3 and all(map(_number, value))
+def _is_triple(value: Any) -> bool:
+    return isinstance(value, list) and len(value) == 3 and all(map(_is_number, value))
 
 
 # Keys of model.json: what each has to be, and whether a value is that.
 KEYS: dict[str, tuple[str, Callable[[Any], bool]]] = {
-    "mean": ("3 numbers, of pixels from 0 to 1", _three),
-    "std": ("3 positive numbers", lambda value: _three(value) and min(value) > 0),
-    "multiple": ("a whole number from 1 on", lambda value: _whole(value) and value > 0),
-    "context": ("a whole number from 1 on", lambda value: _whole(value) and value > 0),
-    "pad_id": ("a whole number from 0 on", lambda value: _whole(value) and value >= 0),
+    "mean": ("3 numbers, of pixels from 0 to 1", _is_triple),
+    "std": ("3 positive numbers", lambda value: _is_triple(value) and min(value) > 0),
+    "multiple": ("a whole number from 1 on", lambda value: _is_integer(value) and value > 0),
+    "context": ("a whole number from 1 on", lambda value: _is_integer(value) and value > 0),
+    "pad_id": ("a whole number from 0 on", lambda value: _is_integer(value) and value >= 0),
     "against": (
         "a list of words",
         lambda value: isinstance(value, list) and all(isinstance(word, str) for word in value),
     ),
-    "threshold": ("a number", _number),
+    "threshold": ("a number", _is_number),
 }
 
 
 def files(weights: str) -> tuple[Path, ...]:
-    """The files that make the model.
+    """Return the files that make the model.
 
     Raises:
         BadInput: One of them is missing.
@@ -65,7 +65,7 @@ def files(weights: str) -> tuple[Path, ...]:
 
 
 def read_card(path: Path) -> dict[str, Any]:
-    """What model.json says; see `KEYS`.
+    """Return the values of model.json; see `KEYS`.
 
     Raises:
         BadInput: A key is unknown, missing or of another kind; all of them are named.
@@ -108,14 +108,16 @@ class Onnx:
         return int(self.embed_text(["thing"]).shape[1])
 
     def embed_text(self, words: Sequence[str]) -> Floats:
-        """(t, d) vectors of length 1."""
+        """Return (t, d) vectors of length 1."""
         if not words:
             return np.zeros((0, self.dim), dtype=np.float32)
-        tokens = np.array([one.ids for one in self._tokenizer.encode_batch(list(words))], dtype=np.int64)
+        tokens = np.array(
+            [encoding.ids for encoding in self._tokenizer.encode_batch(list(words))], dtype=np.int64
+        )
         return unit(_run(self._text, self._folder / TEXT, tokens, 2))
 
     def embed_image(self, rgb: Array) -> Floats:
-        """(h', w', d) features, as the graph gives them."""
+        """Return (h', w', d) features, as the graph gives them."""
         from PIL import Image
 
         multiple = self._card["multiple"]
@@ -155,10 +157,10 @@ class Onnx:
 
 
 def _session(path: Path, expected: str) -> Any:
-    """A graph, ready to run.
+    """Load a graph, ready to run.
 
     Args:
-        path: Its file.
+        path: File of the graph.
         expected: Type of its only input.
 
     Raises:
@@ -177,7 +179,7 @@ def _session(path: Path, expected: str) -> Any:
         session = onnxruntime.InferenceSession(str(path), options, providers=providers)
     except Exception as error:  # onnxruntime's many errors have no class in common
         raise BadInput(f"{path}: onnxruntime cannot read it ({one_line(error)})") from error
-    types = [one.type for one in session.get_inputs()]
+    types = [argument.type for argument in session.get_inputs()]
     if types != [expected] or len(session.get_outputs()) != 1:
         raise BadInput(
             f"{path}: has inputs {types} and {len(session.get_outputs())} outputs, "
@@ -187,13 +189,13 @@ def _session(path: Path, expected: str) -> Any:
 
 
 def _run(session: Any, path: Path, values: Array, axes: int) -> Floats:
-    """What a graph makes of an array, as float32.
+    """Run a graph on an array and return its output as float32.
 
     Args:
-        session: The graph.
-        path: Its file, for messages.
-        values: Its input.
-        axes: How many the output has to have.
+        session: The loaded graph.
+        path: File of the graph, for messages.
+        values: The only input.
+        axes: Number of axes that the output must have.
 
     Raises:
         BadInput: The graph refuses the input, or gives something else.

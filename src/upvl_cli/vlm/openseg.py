@@ -28,7 +28,7 @@ REGIONS, PIXELS, INFO = "ppixel_ave_feat", "image_embedding_feat", "image_info"
 
 
 def files(weights: str) -> tuple[Path, ...]:
-    """The files that make the model.
+    """Return the files that make the model.
 
     Raises:
         BadInput: The folder is not a SavedModel with a text tower beside it.
@@ -75,11 +75,11 @@ class OpenSeg:
         return self._text.dim
 
     def embed_text(self, words: Sequence[str]) -> Floats:
-        """(t, d) vectors of length 1."""
+        """Return (t, d) vectors of length 1."""
         return self._text.embed(words)
 
     def embed_image(self, rgb: Array) -> Floats:
-        """(h', w', d) features, the longer side 640: means over the regions that OpenSeg proposes.
+        """Return (h', w', d) features, the longer side 640: means over the regions that OpenSeg proposes.
 
         A pixel in no region keeps its own feature: the mean over none would be zero.
         """

@@ -3,12 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
-from upvl_cli.perception.background.completion import Sighting, Unseen
+from upvl_cli.config.toml import load
+from upvl_cli.perception.background.completion import BackgroundCompletion, SweepBackground
 from upvl_cli.perception.background.masks import UNKNOWN
-from upvl_cli.perception.background.shape_classifier import shapes
+from upvl_cli.perception.background.shape_classifier import ShapeFeatures, compute_shape_features
+from upvl_cli.stages.mask import MaskConfig
+
+CONFIG = load(MaskConfig, Path(__file__).parents[3] / "stages" / "mask.toml")
+
+
+def shapes(xyz: np.ndarray, height: np.ndarray) -> ShapeFeatures:
+    return compute_shape_features(xyz, height, CONFIG.shape_classifier)
+
+
+def completion(sweeps: list[SweepBackground]) -> BackgroundCompletion:
+    return BackgroundCompletion(sweeps, CONFIG.place_memory, CONFIG.shape_classifier)
 
 
 def sheet(x_m: float, y_m: float, length_m: float, top_m: float) -> np.ndarray:
@@ -17,7 +30,7 @@ def sheet(x_m: float, y_m: float, length_m: float, top_m: float) -> np.ndarray:
     return np.stack([x_m + along.ravel(), np.full(along.size, y_m), up.ravel()], axis=1)
 
 
-def street() -> tuple[Sighting, np.ndarray]:
+def street() -> tuple[SweepBackground, np.ndarray]:
     """Ten house fronts and ten sides of cars, and which points are of houses; the last of each was never seen."""
     parts, houses, unseen = [], [], []
     for number in range(10):
@@ -27,13 +40,13 @@ def street() -> tuple[Sighting, np.ndarray]:
             unseen.append(np.full(len(points), number == 9))
     xyz, house = np.concatenate(parts), np.concatenate(houses)
     state = np.where(np.concatenate(unseen), UNKNOWN, house)
-    return Sighting(state, np.zeros(len(xyz), bool), xyz, shapes(xyz, xyz[:, 2])), house
+    return SweepBackground(state, np.zeros(len(xyz), bool), xyz, shapes(xyz, xyz[:, 2])), house
 
 
 def test_what_was_never_seen_has_the_state_of_its_shape() -> None:
     seen, house = street()
     asked = seen.background == UNKNOWN
-    told = Unseen([seen]).of(seen)
+    told = completion([seen]).complete(seen)
     assert (told[~asked] == house[~asked]).all()
     assert (told[asked] == house[asked]).mean() > 0.95
 
@@ -41,16 +54,16 @@ def test_what_was_never_seen_has_the_state_of_its_shape() -> None:
 def test_what_moves_unseen_stays_unknown() -> None:
     seen, _ = street()
     fast = np.ones(len(seen.background), bool)
-    assert (Unseen([seen]).of(replace(seen, is_fast=fast)) == seen.background).all()
+    assert (completion([seen]).complete(replace(seen, is_moving=fast)) == seen.background).all()
 
 
 def test_without_looks_only_places_count() -> None:
     seen, house = street()
     asked = seen.background == UNKNOWN
     plain = replace(seen, shape=None)
-    assert (Unseen([plain]).of(plain)[asked] == UNKNOWN).all()
+    assert (completion([plain]).complete(plain)[asked] == UNKNOWN).all()
     later = replace(plain, background=house)  # it was seen after all, at another time
-    assert (Unseen([plain, later]).of(plain) == house).all()
+    assert (completion([plain, later]).complete(plain) == house).all()
 
 
 def test_nothing_is_learned_where_cameras_saw_one_state_alone() -> None:
@@ -58,12 +71,38 @@ def test_nothing_is_learned_where_cameras_saw_one_state_alone() -> None:
     background = np.where(seen.background == 0, UNKNOWN, seen.background)
     asked = background == UNKNOWN
     alone = replace(seen, background=background, xyz_world_m=seen.xyz_world_m)
-    assert (Unseen([alone]).of(alone)[asked] == UNKNOWN).all()
-    assert (Unseen([]).of(alone) == background).all()
+    assert (completion([alone]).complete(alone)[asked] == UNKNOWN).all()
+    assert (completion([]).complete(alone) == background).all()
 
 
 def test_a_sweep_without_points() -> None:
-    nothing = Sighting(
+    nothing = SweepBackground(
         np.zeros(0, np.int8), np.zeros(0, bool), np.zeros((0, 3)), shapes(np.zeros((0, 3)), np.zeros(0))
     )
-    assert Unseen([nothing]).of(nothing).shape == (0,)
+    assert completion([nothing]).complete(nothing).shape == (0,)
+
+
+def test_a_place_seen_at_another_time_comes_before_the_shape() -> None:
+    """A house front that a camera took for an object stays one at its place, whatever its shape says."""
+    sweep, house = street()
+    asked = (sweep.background == UNKNOWN) & (house == 1)
+    later = replace(sweep, background=np.where(asked, 0, UNKNOWN))
+    found = completion([sweep, later]).complete(sweep)
+    assert (found[asked] == 0).all()
+    by_shape = completion([sweep]).complete(sweep)
+    assert (by_shape[asked] == 1).mean() > 0.95
+
+
+def test_what_moved_when_it_was_seen_is_not_remembered() -> None:
+    sweep, _ = street()
+    plain = replace(sweep, shape=None)
+    asked = plain.background == UNKNOWN
+    passing = replace(plain, background=np.zeros(len(asked), int), is_moving=np.ones(len(asked), bool))
+    assert (completion([plain, passing]).complete(plain)[asked] == UNKNOWN).all()
+
+
+def test_a_seen_point_keeps_its_own_state() -> None:
+    sweep, house = street()
+    others = [replace(sweep, background=1 - house) for _ in range(3)]
+    known = sweep.background != UNKNOWN
+    assert (completion([sweep, *others]).complete(sweep)[known] == house[known]).all()

@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from upvl_cli.perception.background.masks import UNKNOWN, Background, background_of_tracks, moving, settled
+from upvl_cli.perception.background.masks import (
+    UNKNOWN,
+    BackgroundClassifier,
+    apply_motion_and_policy,
+    background_of_tracks,
+    moving,
+)
 from upvl_cli.perception.visual.open_vocabulary import Basis
 from upvl_cli.perception.visual.views import NO_VIEW, OCCLUDED, SEEN
 
@@ -28,30 +34,36 @@ STATE = np.array([SEEN, OCCLUDED, SEEN, NO_VIEW, SEEN])
 
 
 def kept(*directions: np.ndarray) -> np.ndarray:
-    return BASIS.rounded(BASIS.kept(np.array(directions)))
+    return BASIS.quantize(BASIS.project(np.array(directions)))
 
 
 def test_a_seen_point_is_background_where_its_best_word_reaches_the_threshold() -> None:
-    rule = Background(BASIS, np.array([ROAD, TREE]), np.zeros((0, 3)), 0.6)
+    rule = BackgroundClassifier(BASIS, np.array([ROAD, TREE]), np.zeros((0, 3)), 0.6)
     feature = kept(ROAD, CAR, TREE + 0.9 * CAR)  # cosines 1, 0 and 0.743
-    assert rule.of(STATE, feature).tolist() == [1, UNKNOWN, 0, UNKNOWN, 1]
+    assert rule.classify(STATE, feature).tolist() == [1, UNKNOWN, 0, UNKNOWN, 1]
 
 
 def test_background_is_compared_with_the_other_words_where_there_are_some() -> None:
-    rule = Background(BASIS, np.array([ROAD, TREE]), np.array([CAR]), 0.2)
-    assert rule.of(STATE, kept(ROAD, CAR, TREE + 0.9 * CAR)).tolist() == [1, UNKNOWN, 0, UNKNOWN, 0]
+    rule = BackgroundClassifier(BASIS, np.array([ROAD, TREE]), np.array([CAR]), 0.2)
+    assert rule.classify(STATE, kept(ROAD, CAR, TREE + 0.9 * CAR)).tolist() == [1, UNKNOWN, 0, UNKNOWN, 0]
+
+
+def applied(state: np.ndarray, fast: np.ndarray, policy: str, foreground: bool = True) -> list[int]:
+    found = apply_motion_and_policy(state, fast, policy=policy, moving_is_foreground=foreground)
+    assert isinstance(found, np.ndarray)
+    return [int(value) for value in found]
 
 
 def test_the_policy_for_points_without_a_feature() -> None:
     seen, fast = np.array([1, 0, UNKNOWN, UNKNOWN], np.int8), np.array([False, False, True, False])
-    assert settled(seen, fast, policy="keep").tolist() == [1, 0, UNKNOWN, UNKNOWN]
-    assert settled(seen, fast, policy="drop").tolist() == [1, 0, 1, 1]
-    assert settled(seen, fast, policy="moving").tolist() == [1, 0, UNKNOWN, 1]
+    assert applied(seen, fast, "keep") == [1, 0, UNKNOWN, UNKNOWN]
+    assert applied(seen, fast, "drop") == [1, 0, 1, 1]
+    assert applied(seen, fast, "moving") == [1, 0, UNKNOWN, 1]
 
 
 def test_what_moves_is_no_background_whatever_words_say() -> None:
     seen, fast = np.array([1, 1, 0, UNKNOWN]), np.array([True, False, True, True])
-    assert settled(seen, fast, policy="keep").tolist() == [UNKNOWN, 1, 0, UNKNOWN]
+    assert applied(seen, fast, "keep") == [UNKNOWN, 1, 0, UNKNOWN]
 
 
 def test_a_track_is_as_much_background_as_its_points_of_all_frames() -> None:
@@ -66,3 +78,23 @@ def test_a_track_is_as_much_background_as_its_points_of_all_frames() -> None:
     share = background_of_tracks(np.array([7, 9, 7, 9]), frames)
     np.testing.assert_allclose(share, [0.4, 0, 0.4, 0])
     assert background_of_tracks(np.zeros(0, int), []).shape == (0,)
+
+
+def test_words_keep_what_moves_where_the_rule_is_off() -> None:
+    seen, fast = np.array([1, 1, 0, UNKNOWN]), np.array([True, False, True, True])
+    assert applied(seen, fast, "keep", foreground=False) == [1, 1, 0, UNKNOWN]
+    assert applied(seen, fast, "moving", foreground=False) == [1, 1, 0, UNKNOWN]
+
+
+def test_the_score_is_the_best_background_word_less_the_best_other() -> None:
+    rule = BackgroundClassifier(BASIS, np.array([ROAD, TREE]), np.array([CAR]), 0.0)
+    found = rule.score(kept(ROAD, TREE + CAR, CAR))
+    np.testing.assert_allclose(found, [1, 0, -1], atol=0.02)
+
+
+def test_a_score_at_the_threshold_is_background() -> None:
+    plain = BackgroundClassifier(BASIS, np.array([ROAD]), np.zeros((0, 3)), 0.0)
+    exact = float(plain.score(kept(ROAD + 0.3 * CAR))[0])
+    for threshold, state in ((exact, 1), (np.nextafter(np.float32(exact), np.float32(2)), 0)):
+        rule = BackgroundClassifier(BASIS, np.array([ROAD]), np.zeros((0, 3)), threshold)
+        assert rule.classify(np.array([SEEN]), kept(ROAD + 0.3 * CAR)).tolist() == [state]

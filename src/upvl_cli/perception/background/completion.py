@@ -1,4 +1,4 @@
-"""The background state of points that no camera sees at the moment."""
+"""Background state of the points that no camera sees at the moment."""
 
 from __future__ import annotations
 
@@ -7,52 +7,65 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from upvl_cli.perception.background.config import PlaceMemoryConfig, ShapeClassifierConfig
 from upvl_cli.perception.background.masks import UNKNOWN
-from upvl_cli.perception.background.place_memory import remember
-from upvl_cli.perception.background.shape_classifier import Alike, Shapes, lessons
+from upvl_cli.perception.background.place_memory import PlaceMemory
+from upvl_cli.perception.background.shape_classifier import ShapeClassifier, ShapeFeatures, training_samples
 from upvl_cli.types import Array, Bools, Floats, Ints
 
 
 @dataclass(frozen=True)
-class Sighting:
-    """What the cameras tell of the points of one sweep that stand above the ground.
+class SweepBackground:
+    """What the cameras tell of the points of one sweep that are above the ground.
 
     Attributes:
         background: (n,) 1 where a camera sees background, 0 where something else, `UNKNOWN` where none looks.
-        is_fast: (n,) whether the point moves.
-        xyz_world_m: (n, 3) where it is.
-        shape: What surrounds it; None where looks are not asked for.
+        is_moving: (n,) whether the point moves.
+        xyz_world_m: (n, 3) points in world axes.
+        shape: Shape of their surroundings; None where only places count.
     """
 
     background: Ints
-    is_fast: Bools
+    is_moving: Bools
     xyz_world_m: Floats
-    shape: Shapes | None
+    shape: ShapeFeatures | None
 
 
-class Unseen:
-    """Tells what no camera sees from what one saw: the same place at another time, or else what looks like it."""
+class BackgroundCompletion:
+    """Completes the state of unseen points: from the same place at another time, else from what has its shape."""
 
-    def __init__(self, sweeps: Iterable[Sighting]) -> None:
-        """Learn from all sweeps of a drive, in order."""
-        self._lessons: list[tuple[Floats, Ints]] = []
-        self._memory = remember(self._known(sweeps))
-        self._alike = Alike(self._lessons)
+    def __init__(
+        self,
+        sweeps: Iterable[SweepBackground],
+        place_memory: PlaceMemoryConfig,
+        shape_classifier: ShapeClassifierConfig,
+    ) -> None:
+        """Fit both to all sweeps of a drive.
 
-    def _known(self, sweeps: Iterable[Sighting]) -> Iterator[tuple[Floats, Bools]]:
-        """What stands still and is seen, sweep by sweep; looks are noted on the way."""
-        for seen in sweeps:
-            if seen.shape is not None:
-                self._lessons.append(lessons(seen.shape, seen.background))
-            still = (seen.background != UNKNOWN) & ~seen.is_fast
-            yield seen.xyz_world_m[still], seen.background[still] == 1
+        Args:
+            sweeps: In order of time.
+            place_memory: Settings of the memory of places.
+            shape_classifier: Settings of the classifier of shapes.
+        """
+        self._samples: list[tuple[Floats, Ints]] = []
+        self._shape_config = shape_classifier
+        self._memory = PlaceMemory.fit(self._static(sweeps), place_memory)
+        self._classifier = ShapeClassifier(self._samples, shape_classifier)
 
-    def of(self, sweep: Sighting) -> Array:
-        """(n,) int8 state of each point of a sweep: what moves unseen stays `UNKNOWN`."""
+    def _static(self, sweeps: Iterable[SweepBackground]) -> Iterator[tuple[Floats, Bools]]:
+        """Yield the seen static points of each sweep; gathers training samples of shapes on the way."""
+        for sweep in sweeps:
+            if sweep.shape is not None:
+                self._samples.append(training_samples(sweep.shape, sweep.background, self._shape_config))
+            static = (sweep.background != UNKNOWN) & ~sweep.is_moving
+            yield sweep.xyz_world_m[static], sweep.background[static] == 1
+
+    def complete(self, sweep: SweepBackground) -> Array:
+        """Return (n,) int8 state of each point of a sweep; an unseen point that moves stays `UNKNOWN`."""
         state = np.array(sweep.background, dtype=np.int8)
-        open_ = np.flatnonzero((state == UNKNOWN) & ~sweep.is_fast)
-        state[open_] = self._memory.of(sweep.xyz_world_m[open_])
+        unseen = np.flatnonzero((state == UNKNOWN) & ~sweep.is_moving)
+        state[unseen] = self._memory.lookup(sweep.xyz_world_m[unseen])
         if sweep.shape is not None:
-            open_ = open_[state[open_] == UNKNOWN]
-            state[open_] = self._alike.of(sweep.shape)[open_]
+            unseen = unseen[state[unseen] == UNKNOWN]
+            state[unseen] = self._classifier.classify(sweep.shape)[unseen]
         return state

@@ -15,7 +15,7 @@ UNKNOWN = -1
 
 
 def moving(velocity_mps: Floats, *, min_speed_mps: float) -> Bools:
-    """(n,) whether each point moves: M_sf = |F_sf| >= eps_sf.
+    """Return (n,) whether each point moves: M_sf = |F_sf| >= eps_sf (UP-VL, Algorithm 1, line 4).
 
     Args:
         velocity_mps: (n, 3) velocity over the ground.
@@ -26,71 +26,76 @@ def moving(velocity_mps: Floats, *, min_speed_mps: float) -> Bools:
 
 
 @dataclass(frozen=True)
-class Background:
-    """M_bg: whether a point looks like a background word, on the cosine scale of its model.
+class BackgroundClassifier:
+    """M_bg: whether a point looks like a background word (UP-VL, Algorithm 1, line 5), on the scale of its model.
 
     Attributes:
-        basis: Where features are kept.
+        basis: The reduced space of the features.
         words: (b, d) vectors of the background words C_bg.
         against: (a, d) vectors of the words that they are compared with; none in the paper.
-        eps: From this score on a point is background: eps_bg.
+        threshold: eps_bg: a point with this score or a higher one is background.
     """
 
     basis: Basis
     words: Floats
     against: Floats
-    eps: float
+    threshold: float
 
-    def of(self, state: Ints, feature: Ints) -> Ints:
-        """(n,) int8: 1 background, 0 not, `UNKNOWN` without a feature.
+    def classify(self, state: Ints, codes: Ints) -> Ints:
+        """Return (n,) int8: 1 background, 0 not, `UNKNOWN` without a feature.
 
         Args:
-            state: (n,) of each point, as in `views`.
-            feature: (s, KEPT) rounded features of those that are seen.
+            state: (n,) visibility of each point, as in `views`.
+            codes: (s, COMPONENTS) quantized features of the seen points.
         """
         background = np.full(len(state), UNKNOWN, dtype=np.int8)
-        background[state == SEEN] = self.score(feature) >= self.eps
+        background[state == SEEN] = self.score(codes) >= self.threshold
         return background
 
-    def score(self, feature: Ints) -> Floats:
-        """(s,) how much like background each feature is."""
-        cosines = self.basis.cosines(feature, np.concatenate([self.words, self.against]))
+    def score(self, codes: Ints) -> Floats:
+        """Return (s,) how much like background each feature is."""
+        cosines = self.basis.cosines(codes, np.concatenate([self.words, self.against]))
         return background_score(cosines[:, : len(self.words)], cosines[:, len(self.words) :])
 
 
-def settled(background: Ints, is_fast: Bools, *, policy: str) -> Ints:
-    """The mask with what words cannot tell: what moves is no background, and what no camera sees goes by a policy.
+def apply_motion_and_policy(
+    background: Ints, is_moving: Bools, *, policy: str, moving_is_foreground: bool
+) -> Ints:
+    """Return the background state with motion and the policy for unseen points applied.
 
-    Words alone lost every cyclist of a real drive with small pictures (docs/log.md).
+    Both are additions to UP-VL: words alone lost every cyclist of a real drive with small pictures (docs/log.md).
 
     Args:
-        background: (n,) as of `Background.of`.
-        is_fast: (n,) whether each moves.
-        policy: Of points without a feature: "drop" makes them background, "moving" those that stand; any other
-            leaves them `UNKNOWN`.
+        background: (n,) 1 background, 0 not, `UNKNOWN` for points without a feature.
+        is_moving: (n,) whether each point moves.
+        policy: Of points without a feature: "drop" makes them background, "moving" those that do not move; any
+            other leaves them `UNKNOWN`.
+        moving_is_foreground: Whether moving points are never background by words, but `UNKNOWN`.
     """
     dropped = (background == UNKNOWN) & (policy in ("drop", "moving"))
     if policy == "moving":
-        dropped &= ~is_fast
-    claimed = (background == 1) & is_fast
-    return np.where(dropped, np.int8(1), np.where(claimed, np.int8(UNKNOWN), background))
+        dropped &= ~is_moving
+    contradicted = (background == 1) & is_moving & moving_is_foreground
+    return np.where(dropped, np.int8(1), np.where(contradicted, np.int8(UNKNOWN), background))
 
 
 def background_of_tracks(track: Ints, frames: Iterable[tuple[Ints, Ints, Ints]]) -> Floats:
-    """(n,) share of background among the points of the track of each box, in all frames; 0 where nobody knows.
+    """Return (n,) share of background among the points of the track of each box; 0 where no state is known.
+
+    The points of all frames of a track count alike: r_bg of UP-VL, taken of a track and not of a box.
 
     Args:
-        track: (n,) numbers of the tracks, of the boxes of all frames in order.
-        frames: Of each frame (p,) the state of its points, as of `Background.of`, (p,) the proposal that each
-            belongs to, -1 for none, and (b,) the proposal of each of its boxes, -1 for one that coasts.
+        track: (n,) track numbers of the boxes of all frames, in order.
+        frames: For each frame (p,) the background state of its points, (p,) the proposal that each belongs to, -1
+            for none, and (b,) the proposal of each of its boxes, -1 for a box that the tracker predicted.
     """
     known, hits = [np.zeros(0)], [np.zeros(0)]
-    for state, proposal, of_box in frames:
-        held = np.where(state >= 0, proposal, -1)
-        total = max(proposal.max(initial=-1), of_box.max(initial=-1)) + 1
-        # The last place is that of no proposal: a box that coasts has none, and some points neither.
-        for counts, chosen in ((known, held), (hits, np.where(state == 1, proposal, -1))):
-            counts.append(np.append(np.bincount(chosen[chosen >= 0], minlength=total), 0)[of_box])
+    for state, proposal, box_proposal in frames:
+        total = max(proposal.max(initial=-1), box_proposal.max(initial=-1)) + 1
+        # The last place is that of no proposal: a predicted box has none, and some points neither.
+        for counts, chosen in ((known, state >= 0), (hits, state == 1)):
+            owner = proposal[chosen & (proposal >= 0)]
+            counts.append(np.append(np.bincount(owner, minlength=total), 0)[box_proposal])
     _, number = np.unique(track, return_inverse=True)
     points = np.bincount(number, np.concatenate(known))
     return np.asarray((np.bincount(number, np.concatenate(hits)) / np.maximum(points, 1))[number])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from upvl_cli.perception.visual.open_vocabulary import KEPT, Basis
+from upvl_cli.perception.visual.open_vocabulary import COMPONENTS, Basis
 from upvl_cli.perception.visual.views import SEEN
 from upvl_cli.types import Array, Ints
 
@@ -25,16 +25,16 @@ def of_objects(state: Ints, feature: Array, background: Ints) -> tuple[Ints, Arr
 
 
 def pooled(of_box: Ints, codes: Ints, boxes: int, basis: Basis) -> Ints:
-    """Return (boxes, KEPT) int8, the mean feature of each box, rounded as those of its points; zeros without points.
+    """Return (boxes, COMPONENTS) int8, the mean feature of each box, rounded as those of its points; zeros without points.
 
     Args:
         of_box: (n,) place of the box that each point is in.
-        codes: (n, KEPT) int8 features of the points.
+        codes: (n, COMPONENTS) int8 features of the points.
         boxes: How many boxes there are.
         basis: What the features are kept in.
     """
     count = np.bincount(of_box, minlength=boxes)
-    total = np.zeros((boxes, KEPT))
-    np.add.at(total, of_box, basis.values(codes))
+    total = np.zeros((boxes, COMPONENTS))
+    np.add.at(total, of_box, basis.dequantize(codes))
     mean = np.asarray(total / np.maximum(count, 1)[:, None], dtype=np.float32)
-    return np.where(count[:, None] > 0, basis.rounded(mean), np.int8(0))
+    return np.where(count[:, None] > 0, basis.quantize(mean), np.int8(0))

@@ -1,8 +1,8 @@
-"""Features kept small, and compared with words in the full space (UP-VL, Section 3.4; design in docs/design.md).
+"""Features in a reduced space, and their cosines with words in the full space (UP-VL, Section 3.4).
 
-A basis is fitted once for all drives (incremental PCA; Ross et al., IJCV 2008). A feature f of length 1 is kept
-as z = W (f - m), rounded to whole numbers of eight bits. With a word t it compares as cos(m + W' z, t), which
-needs no more than m t + z (W t) and the length of m + W' z.
+One basis is fitted for all drives (incremental PCA; Ross et al., IJCV 2008). A feature f of length 1 is stored as
+z = W (f - m), quantized to eight bits. Its cosine with a word t is cos(m + W^T z, t), which needs no more than
+m t + z (W t) and the length of m + W^T z.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ import numpy as np
 
 from upvl_cli.types import Array, Floats, Ints
 
-KEPT = 64  # values of a feature (UP-VL, Section 4)
-_LARGEST = 127
+COMPONENTS = 64  # of a stored feature (UP-VL, Section 4); the schema of the shards has this length
+_MAX_CODE = 127  # int8, the same in both directions
 
 
 @dataclass(frozen=True)
 class Basis:
-    """Where features are kept.
+    """The reduced space of features.
 
     Attributes:
-        mean: (d,) m.
-        components: (KEPT, d) W; rows of zeros where the model has fewer dimensions.
-        scale: (KEPT,) size of one step of each rounded value.
-        variance_kept: Share of the variance that is kept, 0 to 1.
+        mean: (d,) mean m of the features, all of length 1.
+        components: (COMPONENTS, d) principal axes W; rows of zeros where the model has fewer dimensions.
+        scale: (COMPONENTS,) step of the quantization of each component.
+        variance_kept: Share of the variance along the components, 0 to 1.
     """
 
     mean: Floats
@@ -35,67 +35,72 @@ class Basis:
     scale: Floats
     variance_kept: float
 
-    def kept(self, features: Array) -> Floats:
-        """(..., KEPT) values of (..., d) features of any length; not rounded."""
+    def project(self, features: Array) -> Floats:
+        """Return (..., COMPONENTS) values z = W (f / |f| - m) of (..., d) features f."""
         length = np.sqrt(np.einsum("...d,...d->...", features, features))[..., None]
-        # W (f / |f| - m), in an order that makes no second array of full features.
-        turned = features @ self.components.T / np.maximum(length, 1e-9)
-        return np.asarray(turned - self.components @ self.mean, dtype=np.float32)
+        # In an order that makes no second array of full features.
+        projected = features @ self.components.T / np.maximum(length, 1e-9)
+        return np.asarray(projected - self.components @ self.mean, dtype=np.float32)
 
-    def rounded(self, values: Floats) -> Ints:
-        """(..., KEPT) int8 of values."""
+    def quantize(self, values: Floats) -> Ints:
+        """Return (..., COMPONENTS) int8 codes of values."""
         steps = values / np.where(self.scale > 0, self.scale, 1)
-        return np.clip(np.rint(steps), -_LARGEST, _LARGEST).astype(np.int8)
+        return np.clip(np.rint(steps), -_MAX_CODE, _MAX_CODE).astype(np.int8)
 
-    def values(self, codes: Ints) -> Floats:
-        """(..., KEPT) values of what `rounded` gave."""
+    def dequantize(self, codes: Ints) -> Floats:
+        """Return (..., COMPONENTS) values of codes."""
         return np.asarray(codes * self.scale, dtype=np.float32)
 
     def cosines(self, codes: Ints, words: Floats) -> Floats:
-        """(n, t) cosine of each of (n, KEPT) rounded features with each of (t, d) words of length 1."""
-        # Steps times W t, and as one word more steps times W m: a cosine costs little but its own products.
+        """Return (n, t) cosines cos(m + W^T z, t) of features with words, in the full space.
+
+        Args:
+            codes: (n, COMPONENTS) int8 codes of the features.
+            words: (t, d) vectors of length 1.
+        """
+        # |m + W^T z|^2 = 2 m (m + W^T z) - m m + z z as the rows of W are orthonormal: m is one word more.
         with_mean = np.column_stack([words.T, self.mean])
-        turned = (self.scale[:, None] * (self.components @ with_mean)).astype(np.float32)
+        projected = (self.scale[:, None] * (self.components @ with_mean)).astype(np.float32)
         steps = codes.astype(np.float32)
-        dot = steps @ turned + (self.mean @ with_mean).astype(np.float32)
+        dot = steps @ projected + (self.mean @ with_mean).astype(np.float32)
         steps *= self.scale
         square = 2 * dot[:, -1] - self.mean @ self.mean + np.einsum("nk,nk->n", steps, steps)
         return np.asarray(dot[:, :-1] / np.sqrt(np.maximum(square, 1e-12))[:, None], dtype=np.float32)
 
 
 def fit(batches: Iterable[Floats], dim: int) -> Basis:
-    """Fit a basis to features.
+    """Fit the principal axes of features, batch by batch.
 
     Args:
-        batches: (n, d) features of any length, n at least `KEPT`; a few pictures at a time.
-        dim: d.
+        batches: (n, d) features of any length each, n at least `COMPONENTS`.
+        dim: Length d of the features.
     """
     rest = iter(batches)
     first = next(rest, None)
-    largest = np.zeros(KEPT, dtype=np.float32)
+    largest = np.zeros(COMPONENTS, dtype=np.float32)
     if first is None:
-        return Basis(np.zeros(dim, np.float32), np.zeros((KEPT, dim), np.float32), largest, 0.0)
+        return Basis(np.zeros(dim, np.float32), np.zeros((COMPONENTS, dim), np.float32), largest, 0.0)
     from sklearn.decomposition import IncrementalPCA
 
-    pca = IncrementalPCA(min(KEPT, dim))
+    pca = IncrementalPCA(min(COMPONENTS, dim))
     for features in chain([first], rest):
         direction = features / np.maximum(np.linalg.norm(features, axis=1, keepdims=True), 1e-9)
         pca.partial_fit(direction)
-        # Of the axes so far: they settle after the first pictures, and what lies beyond is cut.
+        # Along the axes of the batches so far, which change little after the first ones; larger values saturate.
         reach = np.abs((direction - pca.mean_) @ pca.components_.T).max(axis=0)
         largest[: len(reach)] = np.maximum(largest[: len(reach)], reach)
-    components = np.zeros((KEPT, dim), dtype=np.float32)
+    components = np.zeros((COMPONENTS, dim), dtype=np.float32)
     components[: len(pca.components_)] = pca.components_
     return Basis(
         pca.mean_.astype(np.float32),
         components,
-        (largest / _LARGEST).astype(np.float32),
+        (largest / _MAX_CODE).astype(np.float32),
         float(pca.explained_variance_ratio_.sum()),
     )
 
 
 def background_score(cosines: Floats, against: Floats) -> Floats:
-    """(n,) how much like background each feature is: the best background word less the best of the others.
+    """Return (n,) how much like background each feature is: its best background word less the best of the others.
 
     Args:
         cosines: (n, b) with the background words.

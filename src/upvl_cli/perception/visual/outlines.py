@@ -1,26 +1,29 @@
 """Where near surfaces end before far ones, as a camera sees the points of a sweep.
 
-No dataset tells where its LiDAR sits, so the neighbours of a point are those in the view of the camera; the two
-stand close together on all cars.
+Datasets do not say where on the car the LiDAR is, so the neighbors of a point are those in the view of the camera;
+the two stand close together on all cars.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from upvl_cli.geometry.camera import project
 from upvl_cli.geometry.se3 import apply, inverse
-from upvl_cli.types import Array, Bools, Camera, Floats, ParallelArrays, array
+from upvl_cli.perception.visual.config import OutlineConfig
+from upvl_cli.types import Array, Bools, Camera, Floats, ParallelArrays, array, concat, empty
 
-LEFT, RIGHT, TOP = range(
-    3
-)  # where the far surface is; what is below a thing is mostly the ground it stands on
-_NEIGHBOURS, _REACH = 28, 3.2  # samples around a point that are looked at, and how many steps away
-_LEAST_POINTS = 200
+# Where the far surface is. Not below: what is below an object is mostly the ground that it stands on.
+LEFT, RIGHT, TOP = range(3)
+# Of a step between LiDAR samples: what is less far to the side lies in the same row or column (half a step, with
+# room for rows that are not level in the picture), and what is nearer along it is the same sample.
+_SAME_LINE, _NEXT = 0.7, 0.3
+_ONE_STEP = 1.6  # steps; a wider gap lacks a sample
+_SPACING_NEIGHBORS = 16  # samples that give the density around a point
+_LEVEL_SLOPE = 0.35  # rise over run of a row of samples in the picture, at most
 
 
 @dataclass(frozen=True)
@@ -29,8 +32,8 @@ class Outlines(ParallelArrays):
 
     Attributes:
         xyz_m: (n, 3) in the axes of the camera.
-        side: (n,) where the far one is: 0 left, 1 right, 2 above.
-        view: (n,) number of the view.
+        side: (n,) where the far surface is: 0 left, 1 right, 2 above.
+        view: (n,) number of the picture.
     """
 
     xyz_m: Array = array("float64", 3)
@@ -38,74 +41,79 @@ class Outlines(ParallelArrays):
     view: Array = array("int64")
 
 
-def joined(parts: Sequence[Outlines]) -> Outlines:
-    """Return all of them, in the same order."""
-    return Outlines(
-        *(np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(Outlines))
-    )
+def detect_outlines(camera: Camera, xyz_ego_m: Array, view: int, config: OutlineConfig) -> Outlines:
+    """Return the outlines that a camera sees, each moved half a sample step out to where the surface may end.
 
-
-def outlines(camera: Camera, xyz_ego_m: Array, view: int) -> Outlines:
-    """Return the outlines that a camera sees, each moved half a step out to where the surface may end.
+    Depth discontinuities as in Levinson and Thrun (RSS 2013), Section III, but along both axes of the picture.
 
     Args:
         camera: Its calibration need only be roughly right.
-        xyz_ego_m: (n, 3) points.
-        view: Number to note for them.
+        xyz_ego_m: (n, 3) points of a sweep.
+        view: Number of the picture, for the result.
+        config: Limits of the search.
     """
     uv_px, _, visible = project(camera, xyz_ego_m)
     uv_px, xyz_m = uv_px[visible], apply(inverse(camera.ego_from_camera), xyz_ego_m[visible])
-    if len(xyz_m) < _LEAST_POINTS:
-        return Outlines(*(np.zeros(0) for _ in fields(Outlines)))
-    step_px = _steps(uv_px)
-    steps = uv_px / step_px
-    _, other = cKDTree(steps).query(steps, k=_NEIGHBOURS)
-    other = other[:, 1:]
+    if len(xyz_m) < config.min_points:
+        return empty(Outlines)
+    spacing_px = _sample_spacing(uv_px)
+    steps = uv_px / spacing_px
+    _, neighbor = cKDTree(steps).query(steps, k=config.neighbors)
+    neighbor = neighbor[:, 1:]
     range_m = np.linalg.norm(xyz_m, axis=1)
-    behind_m = range_m[other] - range_m[:, None]
-    far = behind_m > np.maximum(0.5, 0.1 * range_m)[:, None]
-    near = np.flatnonzero(far.any(axis=1))  # few: what follows looks at no others
-    xyz_m, range_m, other, behind_m, far = xyz_m[near], range_m[near], other[near], behind_m[near], far[near]
-    apart = steps[other] - steps[near, None]  # (near, neighbours, 2)
-    same = np.abs(behind_m) < 0.2 + 0.03 * range_m[:, None]
+    behind_m = range_m[neighbor] - range_m[:, None]
+    far = behind_m > np.maximum(config.min_range_gap_m, config.min_range_gap_share * range_m)[:, None]
+    near = np.flatnonzero(far.any(axis=1))  # few: what follows needs no others
+    xyz_m, range_m, neighbor, behind_m, far = (
+        xyz_m[near],
+        range_m[near],
+        neighbor[near],
+        behind_m[near],
+        far[near],
+    )
+    apart = steps[neighbor] - steps[near, None]  # (near, neighbors, 2)
+    same = np.abs(behind_m) < config.same_surface_m + config.same_surface_share * range_m[:, None]
     parts = []
     for side, axis, sign in ((LEFT, 0, -1), (RIGHT, 0, 1), (TOP, 1, -1)):
         along, across = apart[..., axis] * sign, np.abs(apart[..., 1 - axis])
-        ends, out = _ends(along, across, far, same, side)
-        moved = xyz_m[ends]
-        shift_px = sign * step_px[axis] * out[ends]
+        is_end, outward = _surface_ends(along, across, far, same, side=side, reach_steps=config.reach_steps)
+        moved = xyz_m[is_end]
+        shift_px = sign * spacing_px[axis] * outward[is_end]
         moved[:, axis] += shift_px * moved[:, 2] / camera.intrinsic[axis, axis]
         parts.append(Outlines(moved, np.full(len(moved), side), np.full(len(moved), view)))
-    return joined(parts)
+    return concat(parts, Outlines)
 
 
-def _ends(along: Array, across: Array, far: Array, same: Array, side: int) -> tuple[Bools, Floats]:
-    """(n,) whether a surface ends at each point towards a side, and how many steps farther out.
+def _surface_ends(
+    along: Array, across: Array, far: Array, same: Array, *, side: int, reach_steps: float
+) -> tuple[Bools, Floats]:
+    """Return (n,) whether a surface ends at each point towards a side, and (n,) how many steps farther out.
 
     Args:
-        along: (n, k) steps to each neighbour towards the side.
+        along: (n, k) steps to each neighbor towards the side.
         across: (n, k) steps to it across that.
         far: (n, k) whether it lies far behind.
         same: (n, k) whether it may lie on the same surface.
-        side: Which one.
+        side: `LEFT`, `RIGHT` or `TOP`.
+        reach_steps: How many steps beyond the point a far surface is looked for.
     """
-    beyond = (across <= 0.7) & (along > 0.3) & (along < _REACH)
-    held = (across <= 0.7) & (along < -0.3)
+    beyond = (across <= _SAME_LINE) & (along > _NEXT) & (along < reach_steps)
+    inner = (across <= _SAME_LINE) & (along < -_NEXT)
     if side != TOP:  # a pole is one column wide; a row of points on the ground is no outline, though
-        held |= (np.abs(along) <= 0.7) & (across > 0.3)
-    ends = np.any(beyond & far, axis=1) & ~np.any(beyond & ~far, axis=1) & np.any(held & same, axis=1)
+        inner |= (np.abs(along) <= _SAME_LINE) & (across > _NEXT)
+    is_end = np.any(beyond & far, axis=1) & ~np.any(beyond & ~far, axis=1) & np.any(inner & same, axis=1)
     gap = np.where(beyond & far, along, np.inf).min(axis=1)
-    # A wider gap is what the LiDAR does not see behind, and the camera does.
-    return np.asarray(ends), np.where(gap < 1.6, gap / 2, 0.5)
+    # A wider gap is background that the LiDAR does not see behind the surface, and the camera does.
+    return np.asarray(is_end), np.where(gap < _ONE_STEP, gap / 2, 0.5)
 
 
-def _steps(uv_px: Array) -> Floats:
-    """(2,) distance between the columns of the LiDAR and between its rows, in the picture."""
-    some = uv_px[:: max(1, len(uv_px) // 2000)]
-    distance, other = cKDTree(uv_px).query(some, k=17)
-    apart = uv_px[other[:, 1:]] - some[:, None]
-    level = (apart[..., 0] > 0) & (np.abs(apart[..., 1]) < 0.35 * apart[..., 0])
+def _sample_spacing(uv_px: Array) -> Floats:
+    """Return (2,) median distance between the columns of the LiDAR and between its rows, in the picture."""
+    sample = uv_px[:: max(1, len(uv_px) // 2000)]
+    distance, neighbor = cKDTree(uv_px).query(sample, k=_SPACING_NEIGHBORS + 1)
+    apart = uv_px[neighbor[:, 1:]] - sample[:, None]
+    level = (apart[..., 0] > 0) & (np.abs(apart[..., 1]) < _LEVEL_SLOPE * apart[..., 0])
     right = np.where(level, apart[..., 0], np.inf).min(axis=1)
     column_px = float(np.median(right[np.isfinite(right)])) if np.isfinite(right).any() else 1.0
-    area_px = float(np.median(np.pi * distance[:, 16] ** 2 / 16))
+    area_px = float(np.median(np.pi * distance[:, _SPACING_NEIGHBORS] ** 2 / _SPACING_NEIGHBORS))
     return np.array([column_px, max(column_px, area_px / column_px)])

@@ -9,116 +9,125 @@ from dataclasses import dataclass
 import numpy as np
 
 from upvl_cli.geometry.path import pose_at
-from upvl_cli.perception.visual.open_vocabulary import KEPT, Basis
-from upvl_cli.perception.visual.views import OCCLUDED, SEEN, View, at_time, best, sampled, view
+from upvl_cli.perception.visual.config import VisibilityConfig
+from upvl_cli.perception.visual.open_vocabulary import COMPONENTS, Basis
+from upvl_cli.perception.visual.views import (
+    NO_VIEW,
+    OCCLUDED,
+    SEEN,
+    Visibility,
+    best_camera,
+    move_to_time,
+    sample_bilinear,
+    visibility,
+)
 from upvl_cli.types import Array, Bools, Camera, Floats, Image, Ints
 
 
 @dataclass(frozen=True)
-class Sight:
-    """What the cameras see of one sweep, before any network has looked at the pictures.
+class SweepVisibility:
+    """What the cameras see of one sweep, before any network embeds the pictures.
 
     Attributes:
         state: (n,) of each point, as in `views`.
-        camera: (n,) place of the camera that sees it best, -1 for none.
-        pictures: Of each camera its picture, if there is one, and where in it the points appear.
-        counts: How many points each camera sees, and how many are hidden or out of view.
+        camera: (n,) number of the camera that sees it best, -1 for none.
+        images: Of each camera its picture, if there is one, and (n, 2) the pixels of the points in it.
+        counts: How many points each camera sees, and how many are occluded or out of view.
     """
 
     state: Ints
     camera: Ints
-    pictures: Sequence[tuple[Image | None, Floats]]
+    images: Sequence[tuple[Image | None, Floats]]
     counts: Mapping[str, int]
 
     def features(self, embed: Callable[[Array], Floats], basis: Basis) -> Ints:
-        """(s, KEPT) int8 features of the seen points, in their order.
+        """Return (s, COMPONENTS) int8 features of the seen points, in their order.
 
         Args:
-            embed: (h', w', d) features of an (h, w, 3) picture.
-            basis: Where features are kept.
+            embed: Gives (h', w', d) features of an (h, w, 3) picture.
+            basis: The reduced space of the features.
         """
-        codes = np.zeros((len(self.state), KEPT), dtype=np.int8)
-        for number, (image, uv_px) in enumerate(self.pictures):
-            of = np.flatnonzero(self.camera == number)
-            if image is not None and len(of):
+        codes = np.zeros((len(self.state), COMPONENTS), dtype=np.int8)
+        for number, (image, uv_px) in enumerate(self.images):
+            seen = np.flatnonzero(self.camera == number)
+            if image is not None and len(seen):
                 height_px, width_px, _ = image.rgb.shape
-                cells = basis.kept(embed(image.rgb))
-                codes[of] = basis.rounded(sampled(cells, uv_px[of], width_px, height_px))
+                cells = basis.project(embed(image.rgb))
+                codes[seen] = basis.quantize(sample_bilinear(cells, uv_px[seen], width_px, height_px))
         return np.asarray(codes[self.state == SEEN])
 
 
-class Look:
-    """Looks at the sweeps of one drive through its cameras."""
+class CameraRig:
+    """The cameras of one drive, and when and where its frames were taken."""
 
     def __init__(
         self,
         cameras: Sequence[Camera],
         times_ns: Sequence[int],
         world_from_ego: Sequence[Array],
-        *,
-        border_px: float,
-        gap_deg: float,
-        closer_m: float,
-        closer_share: float,
-        glass_m: float,
+        config: VisibilityConfig,
     ) -> None:
-        """Take the cameras, when the frames were, and where; the rest as in `views.view`."""
+        """Take the cameras and the poses.
+
+        Args:
+            cameras: Calibrated cameras.
+            times_ns: (T,) times of the frames.
+            world_from_ego: (T, 4, 4) poses of the frames.
+            config: Limits of the visibility test.
+        """
         self.cameras = tuple(cameras)
         self._times_ns = list(times_ns)
         self._poses = np.asarray(world_from_ego, dtype=np.float64).reshape(-1, 4, 4)
-        self._limits = {
-            "border_px": border_px, "gap_deg": gap_deg, "closer_m": closer_m, "closer_share": closer_share,
-            "glass_m": glass_m,
-        }  # fmt: skip
+        self._config = config
 
-    def sight(
+    def visibility(
         self,
         step: int,
         xyz_ego_m: Array,
-        stands: Bools,
+        is_above_ground: Bools,
         velocity_mps: Array | None,
         images: Sequence[Image | None],
-    ) -> Sight:
-        """See one sweep.
+    ) -> SweepVisibility:
+        """Return which points of one sweep the cameras see.
 
         Args:
-            step: Which frame of the drive.
-            xyz_ego_m: (n, 3) its points.
-            stands: (n,) whether each is above the ground.
-            velocity_mps: (n, 3) their motion over the ground; None lets them stand.
+            step: Number of the frame in the drive, from 0.
+            xyz_ego_m: (n, 3) points of its sweep.
+            is_above_ground: (n,) whether each is above the ground.
+            velocity_mps: (n, 3) their motion over the ground; None takes them as static.
             images: One picture a camera, None where it is missing.
         """
         views = [
-            self._view(step, camera, xyz_ego_m, stands, velocity_mps, image)
+            self._view(step, camera, xyz_ego_m, is_above_ground, velocity_mps, image)
             for camera, image in zip(self.cameras, images, strict=True)
         ]
-        chosen = best(views, len(xyz_ego_m))
+        best = best_camera(views, len(xyz_ego_m))
         counts: Counter[str] = Counter()
         for number, camera in enumerate(self.cameras):
-            counts[f"seen by {camera.name}"] = int((chosen.camera == number).sum())
-        counts["occluded"] = int((chosen.state == OCCLUDED).sum())
-        counts["no view"] = int((chosen.state > OCCLUDED).sum())
+            counts[f"seen by {camera.name}"] = int((best.camera == number).sum())
+        counts["occluded"] = int((best.state == OCCLUDED).sum())
+        counts["no view"] = int((best.state == NO_VIEW).sum())
         counts["pictures missing"] = sum(image is None for image in images)
-        pictures = [(image, one.uv_px) for image, one in zip(images, views, strict=True)]
-        return Sight(chosen.state, chosen.camera, pictures, counts)
+        pixels = [(image, view.uv_px) for image, view in zip(images, views, strict=True)]
+        return SweepVisibility(best.state, best.camera, pixels, counts)
 
     def _view(
         self,
         step: int,
         camera: Camera,
         xyz_ego_m: Array,
-        stands: Bools,
+        is_above_ground: Bools,
         velocity_mps: Array | None,
         image: Image | None,
-    ) -> View:
+    ) -> Visibility:
         if image is None:
             xyz_ego_m = np.full((len(xyz_ego_m), 3), np.nan)
         else:
-            xyz_ego_m = at_picture(self._times_ns, self._poses, step, xyz_ego_m, velocity_mps, image)
-        return view(camera, xyz_ego_m, stands, **self._limits)
+            xyz_ego_m = move_to_image_time(self._times_ns, self._poses, step, xyz_ego_m, velocity_mps, image)
+        return visibility(camera, xyz_ego_m, is_above_ground, self._config)
 
 
-def at_picture(
+def move_to_image_time(
     times_ns: Sequence[int],
     world_from_ego: Array,
     step: int,
@@ -126,16 +135,16 @@ def at_picture(
     velocity_mps: Array | None,
     image: Image,
 ) -> Floats:
-    """(n, 3) where the points of a sweep are when a picture is taken, in the car's axes of that time.
+    """Return (n, 3) points of a sweep when a picture is taken, in the ego axes of that time.
 
     Args:
-        times_ns: (T,) when the frames of the drive were.
-        world_from_ego: (T, 4, 4) where the car was.
-        step: Which frame the points are of.
+        times_ns: (T,) times of the frames of the drive.
+        world_from_ego: (T, 4, 4) poses of the frames.
+        step: Number of the points' frame in the drive, from 0.
         xyz_ego_m: (n, 3) the points.
-        velocity_mps: (n, 3) their motion over the ground; None lets them stand.
+        velocity_mps: (n, 3) their motion over the ground; None takes them as static.
         image: The picture.
     """
-    late_s = (image.time_ns - times_ns[step]) * 1e-9
-    then = pose_at(times_ns, world_from_ego, image.time_ns)
-    return at_time(xyz_ego_m, velocity_mps, late_s, world_from_ego[step], then)
+    delay_s = (image.time_ns - times_ns[step]) * 1e-9
+    world_from_image = pose_at(times_ns, world_from_ego, image.time_ns)
+    return move_to_time(xyz_ego_m, velocity_mps, delay_s, world_from_ego[step], world_from_image)

@@ -1,0 +1,25 @@
+"""Settings of `upvl check`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from upvl_cli.config.base import Config, setting, table
+from upvl_cli.perception.visual.config import CameraCheckConfig
+
+
+@dataclass(frozen=True)
+class CheckConfig(Config):
+    """Settings of `check`."""
+
+    images: int = setting("pictures of a drive that are checked, shared by its cameras", ge=1, le=10**6)
+    min_frames: int = setting("frames that are checked of each camera, at least", ge=1, le=10**6)
+    max_frames: int = setting("frames that are checked of each camera, at most", ge=1, le=10**6)
+    max_delay_s: float = setting("largest time between a picture and its sweep", "s", ge=0, le=100)
+    fault_deg: float = setting(
+        "rotation error of a camera for which the check says whether it would find it", "degrees", gt=0, le=90
+    )
+    fault_m: float = setting(
+        "translation error of a camera for which the check says whether it would find it", "m", gt=0, le=10
+    )
+    camera: CameraCheckConfig = table("How far the calibration of a camera is off.")
