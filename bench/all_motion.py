@@ -32,7 +32,7 @@ OFF = {"extract-vl": {"images": '"none"'}, "pca": {"images": "0"}, "mask": {"uns
 MOVING = {
     **OFF,
     "mask": {"unseen_policy": '"keep"', "min_speed_mps": "1.0"},
-    "propose": {"eps_m": "1.0", "eps_deg": "0.0"},
+    "propose": {"clustering.eps_m": "1.0", "clustering.scale_with_range": "false"},
     "track": {"min_reach_m": "1.0", "min_follow": "0.5"},
 }
 RUNS: dict[str, Mapping[str, Mapping[str, str]]] = {
@@ -43,16 +43,19 @@ RUNS: dict[str, Mapping[str, Mapping[str, str]]] = {
         for policy in ("keep", "moving", "place_memory")
     },
     "moving only": MOVING,
-    "background clusters too": {"propose": {"cluster_background": "true"}},
-    "features in the distance": {"propose": {"eps_vl": "0.5"}},
+    "background clusters too": {"propose": {"background.cluster": "true"}},
+    "features in the distance": {"propose": {"clustering.use_vl": "true"}},
     **{
         f"r_bg {share} %": {
-            stage: {"max_background_share": f"{share / 100}"} for stage in ("propose", "amodal")
+            "propose": {"background.max_share": f"{share / 100}"},
+            "amodal": {"max_background_share": f"{share / 100}"},
         }
         for share in (10, 25, 50, 75, 90, 99, 100)
     },
     **{
-        f"eps_bg {eps}": {"mask": {"use_model_rule": "false", "eps_bg": str(eps), "against": json.dumps(OBJECTS)}}
+        f"eps_bg {eps}": {
+            "mask": {"use_model_rule": "false", "eps_bg": str(eps), "against": json.dumps(OBJECTS)}
+        }
         for eps in (-0.4, -0.2, 0.0, 0.08, 0.2, 0.4, 0.6)
     },
 }
@@ -107,8 +110,8 @@ def _scores(workspace: Workspace, name: str) -> float:
     )
     named = gather(workspace, "nms", region=None, named=True)
     material = named.without_classes()
-    whole = detection_scores(material, settings, moving_only=False)
-    both = [of.ap[1] for of in whole if of.objects == "all"]
+    scores = detection_scores(material, settings, moving_only=False)
+    both = [score.ap[1] for score in scores if score.objects == "all"]
     standing = detection_scores(_standing(material, settings.moving_mps), settings, moving_only=False)[0].ap[
         1
     ]
@@ -121,7 +124,7 @@ def _scores(workspace: Workspace, name: str) -> float:
 def _standing(material: Material, moving_mps: float) -> Material:
     """The labels that stand, and the boxes that do."""
     labels, boxes = (
-        speed_mps(of.velocity_mps) < moving_mps for of in (material.labels, material.predictions)
+        speed_mps(boxes.velocity_mps) < moving_mps for boxes in (material.labels, material.predictions)
     )
     return replace(
         material,

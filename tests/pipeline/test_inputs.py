@@ -53,7 +53,7 @@ def test_a_changed_value_changes_the_stamps_below_and_no_other(tmp_path: Path) -
     before = {
         stage.name: Workspace(PIPELINE, folder / "stages", folder).stage_stamp(stage) for stage in STAGES
     }
-    set_value(folder, "propose", "max_background_share", "0.9")
+    set_value(folder, "propose", "background.max_share", "0.9")
     after = {
         stage.name: Workspace(PIPELINE, folder / "stages", folder).stage_stamp(stage) for stage in STAGES
     }
@@ -69,7 +69,7 @@ def test_a_changed_value_changes_the_stamps_below_and_no_other(tmp_path: Path) -
         "train",
         "detect",
     ]
-    assert difference(before["nms"], after["nms"]) == "propose.max_background_share 0.75 -> 0.9"
+    assert difference(before["nms"], after["nms"]) == "propose.background.max_share 0.75 -> 0.9"
 
 
 def test_a_mark_is_written_only_where_it_differs(tmp_path: Path) -> None:

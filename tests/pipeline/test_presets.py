@@ -74,7 +74,7 @@ def test_what_is_equal_is_shared(base: Workspace) -> None:
     assert made(base, first) == FROM_MASK
     assert own(first) == FROM_MASK
     # The second preset's mask is the first one's: only what differs is made.
-    second = preset(base, "second", mask="min_speed_mps = 0.25", propose="max_background_share = 0.5")
+    second = preset(base, "second", mask="min_speed_mps = 0.25", propose="background.max_share = 0.5")
     assert made(base, second, first) == FROM_PROPOSE
     assert own(second) == FROM_PROPOSE
     assert made(base, second, first) == made(base, first) == made(base, base) == []
@@ -148,7 +148,7 @@ def test_a_wrong_preset_is_refused(base: Workspace, file: str, text: str, messag
 def test_a_wrong_value_that_ships_is_not_the_presets_fault(base: Workspace) -> None:
     set_value(base.stages.parent, "mask", "min_speed_mps", "-1.0")
     with pytest.raises(BadSetting, match="work/stages/mask.toml: min_speed_mps"):
-        preset(base, "odd", propose="eps_m = 2.0")
+        preset(base, "odd", propose="clustering.eps_m = 2.0")
 
 
 @pytest.mark.parametrize("name", [".{}.link", ".{}.part"])

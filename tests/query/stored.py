@@ -11,13 +11,14 @@ import numpy as np
 
 from command import make_workspace
 from upvl_cli.commands.pipeline import PIPELINE
-from upvl_cli.perception.labels.point_features import pooled
+from upvl_cli.perception.labels.point_features import average_pool
 from upvl_cli.perception.visual.open_vocabulary import Basis, fit
 from upvl_cli.pipeline.stage import WHOLE_DATASET
 from upvl_cli.pipeline.tables import footer_digest, write
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.stages.pca import PcaRow
 from upvl_cli.stages.rows import ObjectRow
+from upvl_cli.types import Ragged
 from upvl_cli.vlm.mini import Mini
 
 WORDS = (
@@ -94,7 +95,7 @@ def rows(segment: str, things: list[Thing], frames: int) -> list[ObjectRow]:
                 time_ns=10**9 + round(frame * FRAME_S * 1e9),
                 of_box=of_box,
                 feature=codes,
-                pooled=pooled(of_box, codes, len(here), basis()),
+                pooled=average_pool(Ragged.grouped(of_box, codes, len(here)), basis()),
             )
         )
     return found

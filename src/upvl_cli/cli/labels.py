@@ -101,7 +101,9 @@ def docs(
     after = (
         Section("query", "Finds objects by words, in drives that need no picture.", QueryConfig),
         Section("eval", "Scores labels, tracks and flow where the truth is known.", EvalConfig),
-        Section("check", "Checks times, pictures and calibration of a drive before it is labelled.", CheckConfig),
+        Section(
+            "check", "Checks times, pictures and calibration of a drive before it is labelled.", CheckConfig
+        ),
         Section(
             "fit-background-threshold",
             "Fits the background threshold of a model to unlabelled drives.",

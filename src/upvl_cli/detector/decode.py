@@ -10,11 +10,10 @@ from torch import Tensor
 
 from upvl_cli.detector.head import Head, decode
 from upvl_cli.detector.model import Detector, Output
-from upvl_cli.geometry.iou import iou_bev
-from upvl_cli.types import Floats
+from upvl_cli.geometry.nms import nms_bev
+from upvl_cli.types import Boxes, Floats
 
 _RIVALS = 10  # times as many boxes as are asked for are looked at: places of one object say nearly the same
-_TOGETHER = 32  # boxes compared with all that are left at once: ten times as quick as one by one
 
 
 @dataclass(frozen=True)
@@ -56,21 +55,6 @@ def _of_sample(
     score, rows = best.cpu().numpy().astype(np.float64), place.cpu().numpy()
     good = score >= min_score
     seven = decode(head, head.places[rows[good]], residual[place].cpu().numpy()[good])
-    kept = _best(seven, nms_iou, max_boxes)
-    return Detections(seven[kept], score[good][kept])
-
-
-def _best(seven: Floats, nms_iou: float, most: int) -> list[int]:
-    """Rows of the first `most` boxes, best first, that overlap no better one of them."""
-    left = np.arange(len(seven))
-    kept: list[int] = []
-    while len(left) and len(kept) < most:
-        rivals = iou_bev(seven[left[:_TOGETHER]], seven[left]) > nms_iou
-        gone = np.zeros(len(left), dtype=np.bool_)
-        for row, beaten in enumerate(rivals):
-            if not gone[row]:
-                kept.append(int(left[row]))
-                gone |= beaten
-        gone[:_TOGETHER] = True
-        left = left[~gone]
-    return kept[:most]
+    score = score[good]
+    kept = nms_bev(Boxes.from_rows(seven), score, max_iou=nms_iou, max_boxes=max_boxes)
+    return Detections(seven[kept], score[kept])

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from upvl_cli.perception.labels.classify import Votes
-from upvl_cli.perception.labels.point_features import of_objects
+from upvl_cli.perception.labels.classify import WordVotes
+from upvl_cli.perception.labels.point_features import foreground_points
 from upvl_cli.pipeline.tables import Table
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.stages import classify
@@ -28,7 +28,7 @@ def types_of(workspace: Workspace, segment: str, rows: Table[ObjectRow]) -> dict
     (fitted,) = workspace.table("pca", PcaRow)
     kinds, words = workspace.settings(classify.STAGE).words
     directions = workspace.model.embed_text(words)
-    votes = Votes(np.array(kinds), lambda feature: fitted.basis.cosines(feature, directions))
+    votes = WordVotes(np.array(kinds), lambda feature: fitted.basis.cosines(feature, directions))
     (trained,) = workspace.table("train", TrainRow)
     pictures = (
         None
@@ -47,10 +47,10 @@ def types_of(workspace: Workspace, segment: str, rows: Table[ObjectRow]) -> dict
         alone += len(row.track_id)
         number[row.frame] = np.where(of_none, own, row.track_id)
         if pictures is None:
-            votes.add_features(number[row.frame], row.point_feature.owner, row.point_feature.values)
+            votes.add_point_features(number[row.frame], row.point_feature)
         else:
             of, mask = pictures[0][row.frame], pictures[1][row.frame]
-            point, feature = of_objects(of.state, of.feature, mask.background)
+            point, feature = foreground_points(of.state, of.feature, mask.background)
             xyz = workspace.drive(segment).points(row.frame).xyz_ego_m[point]
-            votes.add(row.boxes, number[row.frame], xyz, feature)
-    return {frame: votes.of(of_frame)[0] for frame, of_frame in number.items()}
+            votes.add_sweep(row.boxes, number[row.frame], xyz, feature)
+    return {frame: votes.classify(of_frame).type for frame, of_frame in number.items()}

@@ -1,16 +1,16 @@
-"""The tightest upright box around the points of one object."""
+"""Fit of the tightest upright box around the points of one object."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from upvl_cli.types import Array, Floats
+from upvl_cli.types import Array, Boxes, Floats
 
-MOST_POINTS = 400  # that a heading is found from: more of the same edges tell no more
+_MAX_HEADING_POINTS = 400  # a cost limit: a denser sample of the same edges gives no better heading
 
 
-def along(xy_m: Floats, heading_rad: Floats | float) -> Array:
-    """Coordinates along and across a heading.
+def to_heading_axes(xy_m: Floats, heading_rad: Floats | float) -> Array:
+    """Return (..., 2) coordinates along a heading and to its left.
 
     Args:
         xy_m: (..., 2) positions.
@@ -22,51 +22,53 @@ def along(xy_m: Floats, heading_rad: Floats | float) -> Array:
 
 
 def rectangle_heading(xy_m: Floats, *, step_rad: float, floor_m: float) -> float:
-    """Heading in [0, π/2) of the rectangle whose edges the points hug best.
+    """Return the heading in [0, π/2) of the rectangle whose edges are closest to the points.
 
-    The closeness rule of Zhang, Xu, Dong and Dolan, "Efficient L-shape fitting for vehicle detection
-    using laser scanners" (2017), algorithm 3: every heading of a fan is tried, and each point counts
+    The closeness criterion of Zhang, Xu, Dong and Dolan, "Efficient L-shape fitting for vehicle detection
+    using laser scanners" (2017), algorithm 3: headings are searched in equal steps, and each point counts
     with the inverse of its distance to the nearer of its two closest edges.
 
     Args:
         xy_m: (n, 2) points of one object from above.
-        step_rad: Step of the fan.
-        floor_m: Distances below this count as this, so that no single point decides.
+        step_rad: Step of the search.
+        floor_m: Lower bound of the distances, so that no single point decides.
     """
     if len(xy_m) < 2:
         return 0.0
-    thin = xy_m[:: -(-len(xy_m) // MOST_POINTS)]
-    fan_rad = np.arange(0.0, np.pi / 2, step_rad)
-    x, y = np.ascontiguousarray((thin - thin.mean(axis=0)).T)
-    cos, sin = np.cos(fan_rad)[:, None], np.sin(fan_rad)[:, None]
-    gap = np.minimum(_to_edge(x * cos + y * sin), _to_edge(y * cos - x * sin))  # (headings, n)
-    return float(fan_rad[np.argmax((1.0 / np.maximum(gap, floor_m)).sum(axis=1))])
+    sample = xy_m[:: -(-len(xy_m) // _MAX_HEADING_POINTS)]
+    headings_rad = np.arange(0.0, np.pi / 2, step_rad)
+    x, y = np.ascontiguousarray((sample - sample.mean(axis=0)).T)
+    cos, sin = np.cos(headings_rad)[:, None], np.sin(headings_rad)[:, None]
+    distance_m = np.minimum(_to_edge(x * cos + y * sin), _to_edge(y * cos - x * sin))  # (headings, n)
+    return float(headings_rad[np.argmax((1.0 / np.maximum(distance_m, floor_m)).sum(axis=1))])
 
 
 def _to_edge(along_m: Floats) -> Floats:
-    """(headings, n) distance of each point from the nearer end of all of them."""
+    """Return (headings, n) distance of each point from the nearer end of all of them."""
     low, high = along_m.min(axis=1, keepdims=True), along_m.max(axis=1, keepdims=True)
     return np.asarray(np.minimum(along_m - low, high - along_m))
 
 
-def span(values: Floats, trim: float) -> tuple[float, float]:
-    """Lowest and highest value without a share `trim` of the values at each end."""
+def trimmed_range(values: Floats, trim: float) -> tuple[float, float]:
+    """Return the lowest and highest value without a share `trim` of the values at each end."""
     low, high = np.quantile(values, (trim, 1.0 - trim))
     return float(low), float(high)
 
 
-def tight_box(xyz_m: Floats, heading_rad: float, *, trim: float) -> Array:
-    """(7,) tightest upright box of that heading around the points, but for a share `trim` at each end.
+def tight_box(xyz_m: Floats, heading_rad: float, *, trim: float) -> Boxes:
+    """Return one box, the tightest upright one of that heading, without a share `trim` of the points at each end.
 
     Args:
         xyz_m: (n, 3) points of one object, n > 0.
         heading_rad: Heading of the box.
         trim: Share of the points left out at each end of length and width (stray points).
     """
-    turned = along(xyz_m[:, :2], heading_rad)
-    (back, front), (right, left) = span(turned[:, 0], trim), span(turned[:, 1], trim)
+    along = to_heading_axes(xyz_m[:, :2], heading_rad)
+    (back, front), (right, left) = trimmed_range(along[:, 0], trim), trimmed_range(along[:, 1], trim)
     low, high = float(xyz_m[:, 2].min()), float(xyz_m[:, 2].max())
-    centre = along(np.array([(back + front) / 2, (right + left) / 2]), -heading_rad)
-    return np.array(
-        [*centre, (low + high) / 2, front - back, left - right, high - low, heading_rad], dtype=np.float64
+    center = to_heading_axes(np.array([(back + front) / 2, (right + left) / 2]), -heading_rad)
+    return Boxes(
+        np.array([[*center, (low + high) / 2]]),
+        np.array([[front - back, left - right, high - low]]),
+        np.array([heading_rad]),
     )

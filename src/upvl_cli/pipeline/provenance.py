@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 
@@ -34,7 +34,16 @@ def _flat(stamp: str) -> dict[str, Any]:
     try:
         for stage, maker in json.loads(stamp).items():
             values = maker.get("values", {}) | {key: value for key, value in maker.items() if key != "values"}
-            flat |= {f"{stage}.{name}": value for name, value in values.items()}
+            flat |= dict(_leaves(values, stage))
     except (ValueError, AttributeError, TypeError, RecursionError):
         return {}
     return flat
+
+
+def _leaves(values: Mapping[str, Any], above: str) -> Iterator[tuple[str, Any]]:
+    """Yield each value of nested tables with its full name."""
+    for name, value in values.items():
+        if isinstance(value, dict):
+            yield from _leaves(value, f"{above}.{name}")
+        else:
+            yield f"{above}.{name}", value

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from upvl_cli.config.base import Config, setting
+from upvl_cli.config.base import Config, setting, table
+from upvl_cli.perception.labels.config import SupportScoreConfig
 from upvl_cli.pipeline.stage import Stage
 from upvl_cli.stages.rows import AmodalRow, GroundRow, MaskRow, OdometryRow, ProposalRow, TrackRow
 
@@ -33,6 +34,7 @@ class AmodalConfig(Config):
     max_background_share: float = setting(
         "drop a track with a larger share of background among its points of all frames", ge=0, le=1
     )
+    score: SupportScoreConfig = table("confidence of a label")
 
 
 def run(inputs: Inputs, config: AmodalConfig) -> Iterator[AmodalRow]:
@@ -57,6 +59,7 @@ def run(inputs: Inputs, config: AmodalConfig) -> Iterator[AmodalRow]:
     tracks = list(_sightings(inputs, step, track_id))
     settings = asdict(config)
     most = settings.pop("max_background_share")
+    del settings["score"]
     boxes_of = in_order(lambda track: amodal(track[1], **settings), tracks)
     background = _background(inputs, track_id)
     for (here, sightings), boxes in zip(tracks, boxes_of, strict=True):
@@ -79,7 +82,7 @@ def run(inputs: Inputs, config: AmodalConfig) -> Iterator[AmodalRow]:
             boxes.heading_rad,
             row.velocity_mps[kept],
             row.num_points[kept],
-            support_score(row.num_points[kept], frames_seen[here], background[here]),
+            support_score(row.num_points[kept], frames_seen[here], background[here], config.score),
             row.track_id[kept],
             background[here],
             frames_seen[here],

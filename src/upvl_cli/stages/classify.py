@@ -1,4 +1,4 @@
-"""What kind of object each label is, by words."""
+"""What class of object each label is, by words."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from upvl_cli.config.base import Config, setting
+from upvl_cli.perception.labels.classes import CLASS_NAMES, CYCLIST, OTHER, PEDESTRIAN, VEHICLE
 from upvl_cli.pipeline.stage import Stage
 from upvl_cli.stages.rows import AmodalRow, ClassifyRow, ExtractVlRow, MaskRow, PcaRow
 
@@ -21,13 +22,21 @@ class ClassifyConfig(Config):
     vehicle: tuple[str, ...] = setting("words for vehicles")
     pedestrian: tuple[str, ...] = setting("words for people on foot")
     cyclist: tuple[str, ...] = setting("words for people on two wheels")
-    other: tuple[str, ...] = setting("words for all else: what they win is neither")
+    other: tuple[str, ...] = setting(
+        "words for everything else; a track that they win is of none of the three classes"
+    )
 
     @property
     def words(self) -> tuple[list[int], list[str]]:
-        """All words, each with the number of its class."""
-        lists = ((1, self.vehicle), (2, self.pedestrian), (4, self.cyclist), (0, self.other))
-        return [number for number, some in lists for _ in some], [word for _, some in lists for word in some]
+        """The class of each word, and all words."""
+        lists = (
+            (VEHICLE, self.vehicle),
+            (PEDESTRIAN, self.pedestrian),
+            (CYCLIST, self.cyclist),
+            (OTHER, self.other),
+        )
+        types = [number for number, words in lists for _ in words]
+        return types, [word for _, words in lists for word in words]
 
 
 def run(inputs: Inputs, config: ClassifyConfig) -> Iterator[ClassifyRow]:
@@ -37,27 +46,29 @@ def run(inputs: Inputs, config: ClassifyConfig) -> Iterator[ClassifyRow]:
     """
     import numpy as np
 
-    from upvl_cli.perception.labels.classify import OTHER, Votes
-    from upvl_cli.perception.labels.point_features import of_objects
+    from upvl_cli.perception.labels.classify import WordVotes
+    from upvl_cli.perception.labels.point_features import foreground_points
 
     (fitted,) = inputs.table("pca", PcaRow)
     features, masks = inputs.table("extract-vl", ExtractVlRow), inputs.table("mask", MaskRow)
     labels = inputs.table("nms", AmodalRow)
-    kinds, names = config.words
-    words = inputs.model.embed_text(names)
-    votes = Votes(np.array(kinds), lambda feature: fitted.basis.cosines(feature, words))
+    type_of_word, words = config.words
+    directions = inputs.model.embed_text(words)
+    votes = WordVotes(np.array(type_of_word), lambda feature: fitted.basis.cosines(feature, directions))
     for row in labels:
-        of = features[row.frame]
-        point, feature = of_objects(of.state, of.feature, masks[row.frame].background)
+        seen = features[row.frame]
+        point, feature = foreground_points(seen.state, seen.feature, masks[row.frame].background)
         if len(point) and len(row.track_id):
-            xyz = inputs.drive.points(row.frame).xyz_ego_m[point]
-            votes.add(row.boxes, row.track_id, xyz, feature)
+            xyz_m = inputs.drive.points(row.frame).xyz_ego_m[point]
+            votes.add_sweep(row.boxes, row.track_id, xyz_m, feature)
+    texts = np.array([*words, ""])  # a track without a vote has the word -1: the last one
     for row in labels:
-        kind, word, share = votes.of(row.track_id)
-        for number, what in ((1, "vehicles"), (2, "pedestrians"), (4, "cyclists"), (OTHER, "others")):
-            inputs.count(what, (kind == number).sum())
-        texts = np.array([*names, ""])[word]  # a track without a vote has the number -1
-        yield ClassifyRow(inputs.segment, row.frame, row.track_id, kind, texts, share)
+        classes = votes.classify(row.track_id)
+        for number, name in CLASS_NAMES.items():
+            inputs.count(f"{name}s", (classes.type == number).sum())
+        yield ClassifyRow(
+            inputs.segment, row.frame, row.track_id, classes.type, texts[classes.word], classes.share
+        )
 
 
 STAGE = Stage(

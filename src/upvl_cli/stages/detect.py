@@ -47,7 +47,7 @@ def run(inputs: Inputs, config: DetectConfig) -> Iterator[ObjectRow]:
     """
     import numpy as np
 
-    from upvl_cli.perception.labels.point_features import pooled
+    from upvl_cli.perception.labels.point_features import average_pool
     from upvl_cli.types import Boxes, Ragged
 
     (fitted,) = inputs.table("pca", PcaRow)
@@ -74,7 +74,7 @@ def run(inputs: Inputs, config: DetectConfig) -> Iterator[ObjectRow]:
             tracked.track_id[rows],
             num_features=np.bincount(boxes.of_box, minlength=len(boxes.seven)),
             point_feature=Ragged.grouped(boxes.of_box, codes, len(boxes.seven)),
-            pooled=pooled(boxes.of_box, codes, len(boxes.seven), fitted.basis),
+            pooled=average_pool(Ragged.grouped(boxes.of_box, codes, len(boxes.seven)), fitted.basis),
         )
 
 

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
 
 from upvl_cli.config.base import Config, setting
-from upvl_cli.pipeline.stage import Inputs, Stage
+from upvl_cli.perception.labels.classes import CLASS_NAMES
+from upvl_cli.pipeline.stage import Stage
 from upvl_cli.stages.rows import AmodalRow, ClassifyRow, LabelRow
+
+if TYPE_CHECKING:
+    from upvl_cli.pipeline.stage import Inputs
 
 
 @dataclass(frozen=True)
@@ -23,23 +28,20 @@ def run(inputs: Inputs, config: LabelsConfig) -> Iterator[LabelRow]:
     """Join boxes, tracks, scores and classes into the one table that users take."""
     import numpy as np
 
-    class_names = {1: "vehicle", 2: "pedestrian", 4: "cyclist"}
-    classes = inputs.table("classify", ClassifyRow)
+    tables = inputs.table("classify", ClassifyRow)
     for row in inputs.table("nms", AmodalRow):
-        found = classes[row.frame]
-        order = np.argsort(found.track_id)
-        place = order[np.searchsorted(found.track_id[order], row.track_id)]
-        word, kind = found.word[place], found.type[place]
+        classes = tables[row.frame]
+        order = np.argsort(classes.track_id)
+        place = order[np.searchsorted(classes.track_id[order], row.track_id)]
+        word, number = classes.word[place], classes.type[place]
+        names = [CLASS_NAMES[int(k)] if text else "" for k, text in zip(number, word, strict=True)]
         speed_mps = np.hypot(row.velocity_mps[:, 0], row.velocity_mps[:, 1])
         inputs.count("labels", len(place))
         yield LabelRow(
             **{spec.name: getattr(row, spec.name) for spec in fields(row)},
-            class_name=np.array(
-                [class_names.get(int(k), "other" if w else "") for k, w in zip(kind, word, strict=True)],
-                dtype=np.str_,
-            ),
+            class_name=np.array(names, dtype=np.str_),
             word=word,
-            class_share=found.share[place],
+            class_share=classes.share[place],
             is_moving=speed_mps >= config.moving_mps,
         )
 

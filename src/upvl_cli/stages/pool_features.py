@@ -1,4 +1,4 @@
-"""What the auto labels look like: the features of the points inside of them."""
+"""Vision-language features of the auto labels: those of the points inside of them."""
 
 from __future__ import annotations
 
@@ -27,22 +27,23 @@ def run(inputs: Inputs, config: PoolFeaturesConfig) -> Iterator[ObjectRow]:
     import numpy as np
 
     from upvl_cli.geometry.boxes import pairs_inside
-    from upvl_cli.perception.labels.point_features import of_objects, pooled
+    from upvl_cli.perception.labels.point_features import average_pool, foreground_points
     from upvl_cli.types import Ragged
 
     (fitted,) = inputs.table("pca", PcaRow)
     features, masks = inputs.table("extract-vl", ExtractVlRow), inputs.table("mask", MaskRow)
-    labels = inputs.table("nms", AmodalRow)
-    for row in labels:
-        of = features[row.frame]
-        own, feature = of_objects(of.state, of.feature, masks[row.frame].background)
-        total = len(row.track_id)
-        looked_at = len(own) and total
-        xyz = inputs.drive.points(row.frame).xyz_ego_m[own] if looked_at else np.zeros((0, 3))
-        box, point = pairs_inside(xyz, row.boxes, margin_m=0.0)
-        codes = feature[point]
-        inputs.count("labels with features", len(np.unique(box)))
-        inputs.count("labels that no camera sees", total - len(np.unique(box)))
+    for row in inputs.table("nms", AmodalRow):
+        seen = features[row.frame]
+        point, feature = foreground_points(seen.state, seen.feature, masks[row.frame].background)
+        total = len(row.boxes)
+        xyz_m = np.zeros((0, 3))
+        if len(point) and total:
+            xyz_m = inputs.drive.points(row.frame).xyz_ego_m[point]
+        box, inside = pairs_inside(xyz_m, row.boxes, margin_m=0.0)
+        point_feature = Ragged.grouped(box, feature[inside], total)
+        has_features = int(np.count_nonzero(point_feature.count))
+        inputs.count("labels with features", has_features)
+        inputs.count("labels that no camera sees", total - has_features)
         yield ObjectRow(
             inputs.segment,
             row.frame,
@@ -54,9 +55,9 @@ def run(inputs: Inputs, config: PoolFeaturesConfig) -> Iterator[ObjectRow]:
             row.num_points,
             row.score,
             row.track_id,
-            num_features=np.bincount(box, minlength=total),
-            point_feature=Ragged.grouped(box, codes, total),
-            pooled=pooled(box, codes, total, fitted.basis),
+            num_features=point_feature.count,
+            point_feature=point_feature,
+            pooled=average_pool(point_feature, fitted.basis),
         )
 
 

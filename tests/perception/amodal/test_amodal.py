@@ -49,7 +49,7 @@ def drive_past(heading_rad: float, frames: int = 12) -> tuple[Sightings, np.ndar
     truth = np.array([[*(5.0 * aside + 8 * t * way), 0.75, *CAR_LWH_M, heading_rad] for t in time_s])
     sensor = truth[:, :2] + (16 - 6 * time_s[:, None]) * way - 5.0 * aside
     clouds = [face_points(box, eye, rng) for box, eye in zip(truth, sensor, strict=True)]
-    seen = np.array([tight_box(cloud, heading_rad, trim=0.0) for cloud in clouds])
+    seen = np.concatenate([tight_box(cloud, heading_rad, trim=0.0).to_rows() for cloud in clouds])
     velocity = np.tile([*(8 * way), 0.0], (frames, 1))
     heights = [cloud[:, 2] for cloud in clouds]
     return Sightings(clouds, heights, seen, velocity, sensor, np.zeros(frames)), truth
@@ -96,7 +96,7 @@ def parked(
     truth = np.array([10.0, 5.0, lwh_m[2] / 2, *lwh_m, heading_rad])
     eye = np.tile(eye_xy_m, (6, 1)).astype(float)
     clouds = [face_points(truth, at, rng) for at in eye]
-    seen = np.array([tight_box(cloud, 0.0, trim=0.0) for cloud in clouds])
+    seen = np.concatenate([tight_box(cloud, 0.0, trim=0.0).to_rows() for cloud in clouds])
     heights = [cloud[:, 2] for cloud in clouds]
     return Sightings(clouds, heights, seen, np.zeros((6, 3)), eye, np.zeros(6)), truth
 
@@ -139,7 +139,7 @@ def test_who_pushes_a_pram_is_not_the_end_of_a_car() -> None:
         kept = (height < 1.1) | (ahead < -0.2)  # above the pram there is nothing
         clouds.append(cloud[kept])
         heights.append(height[kept])
-    boxes = np.array([tight_box(cloud, 0.0, trim=0.0) for cloud in clouds])
+    boxes = np.concatenate([tight_box(cloud, 0.0, trim=0.0).to_rows() for cloud in clouds])
     box = amodal(replace(seen, xyz_m=clouds, height_m=heights, seven=boxes), **SETTINGS)[0]
     assert abs(wrap_angle(2 * (box[6] - 0.3))) < np.deg2rad(20)
     assert iou_3d(box[None], truth[None])[0, 0] > 0.5
@@ -151,7 +151,7 @@ def test_a_foot_that_is_hidden_for_a_while_is_still_on_the_ground() -> None:
     for at in (5, 6, 7):  # all but the roof is behind something
         high = clouds[at][:, 2] > 1.2
         clouds[at], heights[at] = clouds[at][high], heights[at][high]
-        boxes[at] = tight_box(clouds[at], 0.0, trim=0.0)
+        boxes[at] = tight_box(clouds[at], 0.0, trim=0.0).to_rows()[0]
     found = amodal(replace(seen, xyz_m=clouds, height_m=heights, seven=boxes), **SETTINGS)
     np.testing.assert_allclose(found[:, 2], truth[:, 2], atol=0.1)
 

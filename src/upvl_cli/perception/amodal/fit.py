@@ -10,7 +10,7 @@ from scipy.ndimage import percentile_filter
 
 from upvl_cli.geometry.se3 import apply, inverse, wrap_angle
 from upvl_cli.perception.amodal.track_registration import register
-from upvl_cli.perception.box_fit import along, rectangle_heading
+from upvl_cli.perception.box_fit import rectangle_heading, to_heading_axes
 from upvl_cli.types import Array, Floats
 
 TRIM = 0.01  # share of the points left out at each end of length and width: single stray returns
@@ -106,7 +106,7 @@ def amodal(
     for at, motion in fitted.items():
         offset[at] = _moved(inverse(motion), middle)
     boxes = np.empty((len(heading), 7))
-    boxes[:, :2] = seen.seven[:, :2] + along(_filled(offset), -heading)
+    boxes[:, :2] = seen.seven[:, :2] + to_heading_axes(_filled(offset), -heading)
     boxes[:, 2] = floor + height_m / 2
     boxes[:, 3:5] = size
     boxes[:, 5] = height_m
@@ -140,7 +140,7 @@ def _parked(xyz_m: Array, seen: Sightings) -> float:
         return float(np.median(seen.sensor_heading_rad))
     xy_m = xyz_m[:, :2]
     angle = rectangle_heading(xy_m, step_rad=FAN_STEP_RAD, floor_m=EDGE_FLOOR_M)
-    turned = along(xy_m, angle)
+    turned = to_heading_axes(xy_m, angle)
     extent = _extent(turned)
     longest = extent.max()
     across = bool(extent[1] > extent[0])
@@ -149,7 +149,7 @@ def _parked(xyz_m: Array, seen: Sightings) -> float:
     upper = turned[xyz_m[:, 2] >= xyz_m[:, 2].max() - (1 - UPPER) * height_m]
     is_slim = len(upper) >= FEWEST and _extent(upper).max() <= SHOULDERS_M
     if WIDE_M < longest <= end_m and not is_slim:
-        sight = along(xy_m.mean(axis=0) - np.mean(seen.sensor_xy_m, axis=0), angle)
+        sight = to_heading_axes(xy_m.mean(axis=0) - np.mean(seen.sensor_xy_m, axis=0), angle)
         across = bool(abs(sight[1]) > abs(sight[0]))
     angle += across * np.pi / 2
     away = np.cos(angle - seen.sensor_heading_rad).mean() < 0
@@ -186,9 +186,9 @@ def _centred(clouds_m: Sequence[Floats], seen: Sightings, heading: Array) -> tup
     """Points and (T, 2) sensor of each frame about the centre of its box, x along the heading."""
     turned = []
     for cloud, box, turn in zip(clouds_m, seen.seven, heading, strict=True):
-        flat = along(cloud[:, :2] - box[:2], turn)
+        flat = to_heading_axes(cloud[:, :2] - box[:2], turn)
         turned.append(np.column_stack([flat, cloud[:, 2] - box[2]]))
-    return turned, along(seen.sensor_xy_m - seen.seven[:, :2], heading)
+    return turned, to_heading_axes(seen.sensor_xy_m - seen.seven[:, :2], heading)
 
 
 def _edges(clouds_m: Sequence[Floats]) -> tuple[Array, Array]:

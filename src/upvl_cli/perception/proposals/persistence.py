@@ -1,4 +1,4 @@
-"""What stays where it is: places that hold matter both before and after a moment.
+"""Persistent points: those whose place is occupied both before and after a moment.
 
 A moving object leaves its place empty. The measure is the persistence score of You et al., Learning to
 Detect Mobile Objects from LiDAR Scans Without Labels (CVPR 2022), over seconds instead of days.
@@ -12,54 +12,58 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from upvl_cli.perception.proposals.config import PersistenceConfig
 from upvl_cli.perception.voxels import voxelize
 from upvl_cli.types import Bools, Floats
 
-VOXEL_M = 0.15
-RADIUS_M = 0.25  # a little more than the edge of a voxel: neighbours of a sampled surface are this close
-SLACK = 0.25  # a sweep stands for a time from which it is off by up to this share of the span
-
 
 @dataclass(frozen=True)
-class Places:
-    """Where matter stood above the ground, sweep by sweep, in world axes.
+class OccupancyHistory:
+    """Occupied places above the ground, sweep by sweep, in world axes.
 
     Attributes:
         time_s: (T,) ascending time of each sweep.
-        trees: One tree of occupied places a sweep.
+        trees: A tree of the centroids of the occupied voxels of each sweep.
     """
 
     time_s: Floats
     trees: list[cKDTree]
 
-    def lasting(self, step: int, span_s: float, xyz_world_m: Floats) -> Bools:
-        """(n,) whether each place is taken a span before and a span after a sweep as well.
+    @classmethod
+    def from_sweeps(
+        cls, time_s: Floats, sweeps_world_m: Iterable[Floats], *, voxel_m: float
+    ) -> OccupancyHistory:
+        """Return the occupied places of the sweeps of a drive.
 
-        One of the two decides where the drive is not long enough for both, and nothing lasts where it is
-        too short for either: no evidence.
+        Args:
+            time_s: (T,) ascending time of each sweep.
+            sweeps_world_m: T arrays (n, 3) of points above the ground, in world axes.
+            voxel_m: Edge of the voxels that the points of a sweep are merged in.
+        """
+        trees = [cKDTree(voxelize(xyz, voxel_m=voxel_m).centroid.reshape(-1, 3)) for xyz in sweeps_world_m]
+        return cls(np.asarray(time_s, dtype=np.float64), trees)
+
+    def is_persistent(
+        self, step: int, span_s: float, xyz_world_m: Floats, config: PersistenceConfig
+    ) -> Bools:
+        """Return (n,) whether each place is occupied both a span before and a span after a sweep.
+
+        Where the drive holds only one of the two times, that one decides. Where it holds neither, there is no
+        evidence, and no place is persistent.
 
         Args:
             step: Number of the sweep.
             span_s: Time to look back and ahead.
             xyz_world_m: (n, 3) places.
+            config: What counts as the same place and as the same time.
         """
-        lasting = np.ones(len(xyz_world_m), dtype=np.bool_)
-        looked = False
-        for then_s in (self.time_s[step] - span_s, self.time_s[step] + span_s):
-            other = int(np.argmin(np.abs(self.time_s - then_s)))
-            if abs(self.time_s[other] - then_s) <= SLACK * span_s and len(xyz_world_m):
-                distance, _ = self.trees[other].query(xyz_world_m, distance_upper_bound=RADIUS_M)
-                lasting &= np.isfinite(distance)
-                looked = True
-        return lasting & looked
-
-
-def places(time_s: Floats, sweeps_world_m: Iterable[Floats]) -> Places:
-    """Remember where matter stood in each sweep.
-
-    Args:
-        time_s: (T,) ascending time of each sweep.
-        sweeps_world_m: T arrays (n, 3) of points above the ground, in world axes.
-    """
-    trees = [cKDTree(voxelize(xyz, voxel_m=VOXEL_M).centroid.reshape(-1, 3)) for xyz in sweeps_world_m]
-    return Places(np.asarray(time_s, dtype=np.float64), trees)
+        persistent = np.ones(len(xyz_world_m), dtype=np.bool_)
+        has_evidence = False
+        for time_s in (self.time_s[step] - span_s, self.time_s[step] + span_s):
+            nearest = int(np.argmin(np.abs(self.time_s - time_s)))
+            is_in_time = abs(self.time_s[nearest] - time_s) <= config.time_tolerance * span_s
+            if is_in_time and len(xyz_world_m):
+                distance, _ = self.trees[nearest].query(xyz_world_m, distance_upper_bound=config.radius_m)
+                persistent &= np.isfinite(distance)
+                has_evidence = True
+        return persistent & has_evidence

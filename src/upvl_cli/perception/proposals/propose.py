@@ -1,8 +1,10 @@
-"""Objects of one sweep: points that are close in space and in motion, and the tightest box of each."""
+"""Object proposals of one sweep: clusters of points in position and motion, and the tightest box of each.
+
+UP-VL, Algorithm 1, line 6; the clustering is that of MI-UP, Section 4.2.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,18 +13,24 @@ from upvl_cli.geometry.boxes import pairs_inside
 from upvl_cli.geometry.se3 import apply
 from upvl_cli.perception.box_fit import rectangle_heading, tight_box
 from upvl_cli.perception.clustering import NOISE, dbscan_voxels
+from upvl_cli.perception.proposals.clusters import (
+    background_share,
+    cluster_sizes,
+    drop_clusters,
+    flagged_share,
+    median_velocities,
+    points_of_clusters,
+)
+from upvl_cli.perception.proposals.config import (
+    ClusteringConfig,
+    ProposalBoxConfig,
+    ProposalConfig,
+)
 from upvl_cli.perception.proposals.crowd import split_crowd
-from upvl_cli.perception.proposals.persistence import Places
-from upvl_cli.types import Array, Bools, Floats, Ints
+from upvl_cli.perception.proposals.persistence import OccupancyHistory
+from upvl_cli.types import Array, Bools, Boxes, Floats, Ints, concat
 
-TRIM = 0.01  # share of the points left out at each end of length and width: single stray returns
-MARGIN_M = 0.1  # a point this far outside a box may still join it: about the edge of a voxel
-STAND_M = 1.5  # what moves stands on the ground; an object seen only above this may hang over the road
-FAN_STEP_RAD = float(np.deg2rad(1.0))  # headings tried for an object that stands still
-EDGE_FLOOR_M = 0.05  # about the range noise of a LiDAR: closer to an edge is not better
-SPANS_S = (0.5, 1.0, 2.0)  # the first in which an object clears its place tells what does not belong to it
-GLASS_M = 1.0  # glass returns nothing: a roof this far above its doors is theirs
-CLEARANCE_M = 0.3  # on top of its own length, as places are told apart by about this much
+_MIN_SPEED_MPS = 1e-9  # below any flow: an object that stands still never clears its place
 
 
 @dataclass(frozen=True)
@@ -30,17 +38,17 @@ class Proposals:
     """Boxes of one sweep, in the axes of its points.
 
     Attributes:
-        seven: (k, 7) boxes.
+        boxes: k boxes.
         velocity_mps: (k, 3) median flow of the points of each box.
-        points: (k,) how many points each box was fitted to.
-        of_point: (n,) number of the box that each point belongs to, -1 for none.
-        dropped: How many points and clusters were left out, by reason.
+        num_points: (k,) number of points that each box was fitted to.
+        box_of_point: (n,) number of the box that each point belongs to, -1 for none.
+        dropped: Number of points and clusters that were left out, by reason.
     """
 
-    seven: Array
+    boxes: Boxes
     velocity_mps: Array
-    points: Ints
-    of_point: Ints
+    num_points: Ints
+    box_of_point: Ints
     dropped: dict[str, int]
 
 
@@ -50,186 +58,169 @@ class Sweep:
 
     Attributes:
         xyz_m: (n, 3) points.
-        velocity_mps: (n, 3) their motion over the ground, along the axes of the points.
-        candidate: (n,) whether the point passed the motion mask; all of them for every motion state.
+        velocity_mps: (n, 3) their velocity over the ground, along the axes of the points.
+        is_candidate: (n,) whether the point passed the motion mask; all points do for labels in all motion states.
             The others only join a box that they lie in: flow misses points here and there.
-        background: (n,) 1 where the point shows background, 0 where not, negative where nobody knows.
-        look: (n, k) what else neighbours are to be alike in, in metres; k may be 0.
+        background: (n,) 1 background, 0 not, negative unknown.
+        vl_feature: (n, d) strongest components of the features, 0 where there is none; d is 0 when unused.
         height_m: (n,) heights over the ground.
         world_from_sweep: (4, 4) pose of the axes of the points.
-        step: Number of the sweep among `Places`.
+        step: Number of the sweep in the `OccupancyHistory`.
     """
 
     xyz_m: Floats
     velocity_mps: Floats
-    candidate: Bools
+    is_candidate: Bools
     background: Ints
-    look: Floats
+    vl_feature: Floats
     height_m: Floats
     world_from_sweep: Floats
     step: int
 
 
-def propose(
-    sweep: Sweep,
-    places: Places,
-    *,
-    eps_m: float,
-    eps_deg: float,
-    eps_mps: float,
-    min_points: int,
-    voxel_m: float,
-    cluster_background: bool,
-    max_background_share: float,
-    max_lasting_share: float,
-    moving_mps: float,
-    foot_m: float,
-    person_gap_m: float,
-) -> Proposals:
-    """Cluster the points that may be objects, and fit a box to each cluster (MI-UP, section 4.2).
+def propose(sweep: Sweep, history: OccupancyHistory, config: ProposalConfig) -> Proposals:
+    """Cluster the points that may be objects, and fit a box to each cluster (MI-UP, Section 4.2).
 
-    Position and flow are clustered together: neighbours are close in both at once, so that a walker
+    Position and flow are clustered together: neighbors are close in both at once, so that a walker
     and the wall behind him, or two cars that pass, never join through a chain of other points.
 
     Args:
         sweep: The points.
-        places: Where matter stood in all sweeps of the drive.
-        eps_m: Neighbours are closer than this; up and down they may be `GLASS_M` apart.
-        eps_deg: Or closer than this as the car sees them: far away its beams are farther apart.
-        eps_mps: And their flow differs by less than this; the two add up as in Pythagoras' rule.
-        min_points: Points that make a neighbourhood dense, and the fewest of an object.
-        voxel_m: Points closer than this count as one place.
-        cluster_background: Whether background points make clusters too, as in the paper; otherwise they join
-            what they lie in.
-        max_background_share: An object with a larger share of background points is dropped: r_bg. Only points
-            of which it is known whether they are background count.
-        max_lasting_share: So is one that claims to leave its place while more of its points than this
-            stay taken before and after.
-        moving_mps: From this speed on the flow gives the heading, below it the shape.
-        foot_m: Points lower than this (kerbs, ground) have no say in length, width and heading.
-        person_gap_m: Persons this far apart are not one object, though their cluster is.
+        history: Occupied places in all sweeps of the drive.
+        config: Settings of each step.
     """
-    label: Ints = np.full(len(sweep.xyz_m), NOISE, dtype=np.int64)
-    candidate = sweep.candidate & (cluster_background | (sweep.background != 1))
-    upright = sweep.xyz_m * [1.0, 1.0, min(1.0, eps_m / GLASS_M)]
-    joint = np.hstack([upright, sweep.velocity_mps * (eps_m / eps_mps), sweep.look])[candidate]
-    reach_m = np.maximum(eps_m, np.deg2rad(eps_deg) * np.hypot(*sweep.xyz_m[candidate, :2].T))
-    label[candidate] = dbscan_voxels(
-        joint, eps_m=eps_m, min_points=min_points, voxel_m=voxel_m, reach_m=reach_m
+    background, dropped = config.background, dict[str, int]()
+    is_clustered = sweep.is_candidate & (background.cluster | (sweep.background != 1))
+    label = _cluster(sweep, is_clustered, config.clustering)
+    dropped["points in no cluster"] = int((label[is_clustered] == NOISE).sum())
+    dropped["background"] = 0
+    # Clusters of background are many: they are dropped before a box is fitted to each.
+    if background.drop and background.cluster:
+        label, dropped["background"] = _drop_background(label, sweep, background.max_share)
+    label = _split_crowds(label, sweep, config)
+
+    velocity_mps = _velocities(label, sweep)
+    boxes = _fit_boxes(label, velocity_mps, sweep, config.box)
+    label = _adopt_free_points(label, sweep.xyz_m, boxes, config.box)
+    if not background.cluster:
+        if background.drop:
+            label, dropped["background"] = _drop_background(label, sweep, background.max_share)
+        velocity_mps = _velocities(label, sweep)
+    persistent = _persistent_points(label, velocity_mps, sweep, history, config)
+    is_dropped = flagged_share(label, persistent) > config.persistence.max_share
+    label, dropped["persistent"] = drop_clusters(label, is_dropped)
+    dropped["persistent points"] = int((persistent & (label != NOISE)).sum())
+    label[persistent] = NOISE
+    label, dropped["too few points"] = drop_clusters(
+        label, cluster_sizes(label) < config.clustering.min_points
     )
-    dropped = {"points in no cluster": int((label[candidate] == NOISE).sum())}
-    if cluster_background:  # there are many: before their boxes are fitted
-        label, dropped["background"] = _drop(label, _background(label, sweep) > max_background_share)
-    label = _persons(label, sweep, foot_m, person_gap_m)
-
-    velocity = _velocities(label, sweep)
-    label = _adopt(label, sweep.xyz_m, _fit_all(label, velocity, sweep, moving_mps, foot_m))
-    if not cluster_background:
-        label, dropped["background"] = _drop(label, _background(label, sweep) > max_background_share)
-        velocity = _velocities(label, sweep)
-    lasting = _lasting(label, velocity, _fit_all(label, velocity, sweep, moving_mps, foot_m), sweep, places)
-    label, dropped["stays where it is"] = _drop(label, _share(label, lasting) > max_lasting_share)
-    dropped["points that stay"] = int((lasting & (label != NOISE)).sum())
-    label[lasting] = NOISE
-    label, dropped["too few points"] = _drop(label, _count(label) < min_points)
-
-    velocity = _velocities(label, sweep)
-    boxes = _fit_all(label, velocity, sweep, moving_mps, foot_m)
-    return Proposals(boxes, velocity, _count(label), label, dropped)
+    velocity_mps = _velocities(label, sweep)
+    boxes = _fit_boxes(label, velocity_mps, sweep, config.box)
+    return Proposals(boxes, velocity_mps, cluster_sizes(label), label, dropped)
 
 
-def _persons(label: Ints, sweep: Sweep, foot_m: float, gap_m: float) -> Ints:
-    """The labels with crowds split: the first person keeps the number, the others get new ones."""
+def _cluster(sweep: Sweep, is_clustered: Bools, config: ClusteringConfig) -> Ints:
+    """Return (n,) cluster of each point by position, velocity and features together, in metres; -1 for none."""
+    label: Ints = np.full(len(sweep.xyz_m), NOISE, dtype=np.int64)
+    position = sweep.xyz_m * [1.0, 1.0, min(1.0, config.eps_m / config.vertical_eps_m)]
+    columns = [position, sweep.velocity_mps * (config.eps_m / config.velocity_eps_mps)]
+    if config.use_vl:
+        columns.append(sweep.vl_feature * (config.eps_m / config.vl_eps))
+    reach_m = None
+    if config.scale_with_range:
+        range_m = np.hypot(*sweep.xyz_m[is_clustered, :2].T)
+        reach_m = np.maximum(config.eps_m, np.deg2rad(config.angular_eps_deg) * range_m)
+    label[is_clustered] = dbscan_voxels(
+        np.hstack(columns)[is_clustered],
+        eps_m=config.eps_m,
+        min_points=config.min_points,
+        voxel_m=config.voxel_m,
+        reach_m=reach_m,
+    )
+    return label
+
+
+def _drop_background(label: Ints, sweep: Sweep, max_share: float) -> tuple[Ints, int]:
+    """Return the labels without clusters of background, and the number of those (UP-VL, Section 3.2)."""
+    return drop_clusters(label, background_share(label, sweep.background) > max_share)
+
+
+def _split_crowds(label: Ints, sweep: Sweep, config: ProposalConfig) -> Ints:
+    """Return the labels with crowds split: the first person keeps the number, the others get new ones."""
     label = label.copy()
     total = label.max(initial=NOISE) + 1
-    for of in _members(label):
-        body = of[sweep.height_m[of] >= foot_m]
-        person = split_crowd(sweep.xyz_m[body], gap_m=gap_m)
-        others = person > 0
-        label[body[others]] = total + person[others] - 1
+    for points in points_of_clusters(label):
+        body = points[sweep.height_m[points] >= config.box.ground_clearance_m]
+        person = split_crowd(sweep.xyz_m[body], config.crowd)
+        is_further = person > 0
+        label[body[is_further]] = total + person[is_further] - 1
         total += person.max(initial=0)
     return label
 
 
-def _members(label: Ints) -> Sequence[Ints]:
-    """The points of each cluster."""
-    order = np.argsort(label, kind="stable")
-    starts = np.searchsorted(label[order], np.arange(label.max(initial=NOISE) + 1))
-    return np.split(order, starts)[1:]
-
-
-def _count(label: Ints) -> Ints:
-    return np.bincount(label[label != NOISE], minlength=label.max(initial=NOISE) + 1)
-
-
-def _share(label: Ints, flag: Bools) -> Array:
-    """Share of the points of each cluster that carry a flag."""
-    hits = np.bincount(label[(label != NOISE) & flag], minlength=label.max(initial=NOISE) + 1)
-    return hits / np.maximum(_count(label), 1)
-
-
-def _background(label: Ints, sweep: Sweep) -> Array:
-    """Share of background among the points of each cluster whose state is known; 0 where it is of none."""
-    known = (label != NOISE) & (sweep.background >= 0)
-    total = label.max(initial=NOISE) + 1
-    count = np.bincount(label[known], minlength=total)
-    return np.bincount(label[known], sweep.background[known], minlength=total) / np.maximum(count, 1)
-
-
-def _drop(label: Ints, gone: Bools) -> tuple[Ints, int]:
-    """The labels without the clusters that are gone, numbered anew, and how many those were."""
-    number = np.where(gone, NOISE, np.cumsum(~gone) - 1)
-    return np.append(number, NOISE)[label], int(gone.sum())  # the last entry is that of NOISE = -1
-
-
 def _velocities(label: Ints, sweep: Sweep) -> Array:
-    """(k, 3) median motion of the points of each cluster that passed the motion mask."""
-    own = np.where(sweep.candidate, label, NOISE)
-    return np.array([np.median(sweep.velocity_mps[of], axis=0) for of in _members(own)]).reshape(-1, 3)
+    """Return (k, 3) median velocity of the points of each cluster that passed the motion mask."""
+    return median_velocities(np.where(sweep.is_candidate, label, NOISE), sweep.velocity_mps)
 
 
-def _fit_all(label: Ints, velocity: Array, sweep: Sweep, moving_mps: float, foot_m: float) -> Array:
+def _fit_boxes(label: Ints, velocity_mps: Floats, sweep: Sweep, config: ProposalBoxConfig) -> Boxes:
+    """Return the k boxes of the clusters, whose (k, 3) velocities are given."""
     boxes = [
-        _fit(sweep.xyz_m[of], sweep.height_m[of], motion, moving_mps, foot_m)
-        for of, motion in zip(_members(label), velocity, strict=True)
+        _fit_box(sweep.xyz_m[points], sweep.height_m[points], velocity, config)
+        for points, velocity in zip(points_of_clusters(label), velocity_mps, strict=True)
     ]
-    return np.array(boxes).reshape(-1, 7)
+    return concat(boxes, Boxes)
 
 
-def _fit(xyz_m: Array, height_m: Array, velocity_mps: Array, moving_mps: float, foot_m: float) -> Array:
-    body = height_m >= foot_m
-    if not body.any():
-        body = np.ones(len(xyz_m), dtype=np.bool_)
-    if np.hypot(*velocity_mps[:2]) >= moving_mps:
-        heading = float(np.arctan2(velocity_mps[1], velocity_mps[0]))
+def _fit_box(xyz_m: Floats, height_m: Floats, velocity_mps: Floats, config: ProposalBoxConfig) -> Boxes:
+    """Return one box, along the motion of the object or, where it stands still, along its shape."""
+    is_body = height_m >= config.ground_clearance_m
+    if not is_body.any():
+        is_body = np.ones(len(xyz_m), dtype=np.bool_)
+    if np.hypot(*velocity_mps[:2]) >= config.moving_mps:
+        heading_rad = float(np.arctan2(velocity_mps[1], velocity_mps[0]))
     else:
-        heading = rectangle_heading(xyz_m[body, :2], step_rad=FAN_STEP_RAD, floor_m=EDGE_FLOOR_M)
-    box = tight_box(xyz_m[body], heading, trim=TRIM)
-    low, high = xyz_m[:, 2].min(), xyz_m[:, 2].max()
-    if height_m.min() < STAND_M:
-        low = np.median(xyz_m[:, 2] - height_m)
-    box[2], box[5] = (low + high) / 2, high - low
-    return box
+        step_rad = float(np.deg2rad(config.heading_step_deg))
+        heading_rad = rectangle_heading(xyz_m[is_body, :2], step_rad=step_rad, floor_m=config.edge_floor_m)
+    box = tight_box(xyz_m[is_body], heading_rad, trim=config.trim)
+    low_m, high_m = xyz_m[:, 2].min(), xyz_m[:, 2].max()
+    if height_m.min() < config.standing_height_m:
+        low_m = np.median(xyz_m[:, 2] - height_m)  # the ground below the object
+    center_m = np.array([[*box.center_m[0, :2], (low_m + high_m) / 2]])
+    size_lwh_m = np.array([[*box.size_lwh_m[0, :2], high_m - low_m]])
+    return Boxes(center_m, size_lwh_m, box.heading_rad)
 
 
-def _adopt(label: Ints, xyz_m: Floats, boxes: Array) -> Ints:
-    """Points without a cluster join the box that they lie in; the smallest one where boxes overlap."""
-    box, point = pairs_inside(xyz_m, boxes, margin_m=MARGIN_M)
-    free = label[point] == NOISE
-    box, point = box[free], point[free]
-    order = np.argsort(-boxes[box, 3:6].prod(axis=1), kind="stable")
+def _adopt_free_points(label: Ints, xyz_m: Floats, boxes: Boxes, config: ProposalBoxConfig) -> Ints:
+    """Return the labels with each point without a cluster in the smallest of the boxes that it lies in."""
+    box, point = pairs_inside(xyz_m, boxes, margin_m=config.adoption_margin_m)
+    is_free = label[point] == NOISE
+    box, point = box[is_free], point[is_free]
+    volume_m3 = boxes.size_lwh_m.prod(axis=1)
+    order = np.argsort(-volume_m3[box], kind="stable")
     label = label.copy()
-    label[point[order]] = box[order]
+    label[point[order]] = box[order]  # the smallest box is written last
     return label
 
 
-def _lasting(label: Ints, velocity: Array, boxes: Array, sweep: Sweep, places: Places) -> Bools:
-    """Which points of clusters lie where there is matter too when the cluster is elsewhere."""
-    clears_s = (boxes[:, 3] + CLEARANCE_M) / np.maximum(np.linalg.norm(velocity[:, :2], axis=1), 1e-9)
-    choice = np.searchsorted(SPANS_S, clears_s)  # the first span that is long enough; none for slow ones
-    of_point = np.append(choice, len(SPANS_S))[label]
-    lasting = np.zeros(len(label), dtype=np.bool_)
-    for number, span_s in enumerate(SPANS_S):
-        asked = np.flatnonzero(of_point == number)
-        lasting[asked] = places.lasting(sweep.step, span_s, apply(sweep.world_from_sweep, sweep.xyz_m[asked]))
-    return lasting
+def _persistent_points(
+    label: Ints, velocity_mps: Floats, sweep: Sweep, history: OccupancyHistory, config: ProposalConfig
+) -> Bools:
+    """Return (n,) which points of clusters lie where there is matter too when the cluster has moved away."""
+    persistence = config.persistence
+    spans_s = np.sort(persistence.spans_s)
+    boxes = _fit_boxes(label, velocity_mps, sweep, config.box)
+    speed_mps = np.linalg.norm(velocity_mps[:, :2], axis=1)
+    clears_after_s = (boxes.size_lwh_m[:, 0] + persistence.clearance_m) / np.maximum(
+        speed_mps, _MIN_SPEED_MPS
+    )
+    choice = np.searchsorted(
+        spans_s, clears_after_s
+    )  # the first span that is long enough; none for slow ones
+    span_of_point = np.append(choice, len(spans_s))[label]
+    persistent = np.zeros(len(label), dtype=np.bool_)
+    for number, span_s in enumerate(spans_s.tolist()):
+        points = np.flatnonzero(span_of_point == number)
+        xyz_world_m = apply(sweep.world_from_sweep, sweep.xyz_m[points])
+        persistent[points] = history.is_persistent(sweep.step, span_s, xyz_world_m, persistence)
+    return persistent

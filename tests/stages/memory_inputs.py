@@ -1,0 +1,85 @@
+"""Inputs of a stage that stand in memory: rows written by hand, and sweeps that need no file."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from upvl_cli.stages.rows import AmodalRow, ClassifyRow
+from upvl_cli.types import Boxes, Points
+
+SEGMENT = "drive"
+
+
+@dataclass
+class MemoryDrive:
+    """Sweeps by frame."""
+
+    xyz_ego_m: dict[int, np.ndarray]
+
+    def points(self, frame: int) -> Points:
+        xyz = self.xyz_ego_m[frame]
+        zeros = np.zeros(len(xyz))
+        return Points(xyz, zeros, zeros, zeros, zeros)
+
+
+class MemoryTable(list[Any]):
+    """Rows that are found by their frame."""
+
+    def __getitem__(self, frame: Any) -> Any:
+        return next(row for row in self if row.frame == frame)
+
+
+@dataclass
+class MemoryInputs:
+    """Rows of other stages by name, and what is counted."""
+
+    tables: dict[str, list[Any]]
+    drive: MemoryDrive | None = None
+    model: Any = None
+    segment: str = SEGMENT
+    counts: Counter[str] = field(default_factory=Counter)
+
+    def table(self, name: str, row: type[Any], segment: str | None = None) -> MemoryTable:
+        return MemoryTable(self.tables[name])
+
+    def count(self, reason: str, items: int) -> None:
+        self.counts[reason] += int(items)
+
+
+def amodal_row(frame: int, boxes: Boxes, track_id: list[int], **values: Any) -> AmodalRow:
+    """Boxes of tracks, standing still unless `values` say more."""
+    total = len(boxes)
+    columns = {
+        "velocity_mps": np.zeros((total, 3)),
+        "num_points": np.full(total, 10, np.int32),
+        "score": np.linspace(0.9, 0.5, total),
+        "background_share": np.zeros(total),
+        "num_frames_seen": np.full(total, 3, np.int32),
+    }
+    return AmodalRow(
+        SEGMENT,
+        frame,
+        time_ns=frame * 10**8,
+        center_m=boxes.center_m,
+        size_lwh_m=boxes.size_lwh_m,
+        heading_rad=boxes.heading_rad,
+        track_id=np.array(track_id, dtype=np.int64),
+        **{**columns, **values},
+    )
+
+
+def classify_row(frame: int, classes: list[tuple[int, int, str, float]]) -> ClassifyRow:
+    """Track, number of the class, word and share of each label."""
+    track_id, number, word, share = zip(*classes, strict=True) if classes else ((), (), (), ())
+    return ClassifyRow(
+        SEGMENT,
+        frame,
+        np.array(track_id, np.int64),
+        np.array(number, np.int8),
+        np.array(word, np.str_),
+        np.array(share, np.float32),
+    )
