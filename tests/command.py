@@ -18,6 +18,8 @@ TINY_TRAINING = {
     "batch": "1",
 }
 UPVL = Path(sys.executable).with_name("upvl")
+# Nothing of the caller's: a variable that chooses how BLAS sums would change last digits.
+ENVIRONMENT = {"PATH": "/usr/bin:/bin", "COLUMNS": "120", "PYTHONPATH": str(ROOT / "tests")}
 
 
 def make_workspace(folder: Path, **values: str) -> Path:
@@ -53,7 +55,7 @@ def upvl(workspace: Path, *arguments: str, **environment: str) -> subprocess.Com
     """Run one command in a workspace and wait for its end."""
     return subprocess.run(
         [UPVL, *arguments], cwd=workspace, capture_output=True, text=True, timeout=300,
-        env={"PATH": "/usr/bin:/bin", "COLUMNS": "120", "PYTHONPATH": str(ROOT / "tests"), **environment},
+        env=ENVIRONMENT | environment,
     )  # fmt: skip
 
 

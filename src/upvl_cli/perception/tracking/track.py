@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from filterpy.kalman import predict, update
 
 from upvl_cli.perception.tracking.assignment import assign
-from upvl_cli.perception.tracking.motion_model import MotionModel, squared_distance
+from upvl_cli.perception.tracking.motion_model import MotionModel, squared_distance, update
 from upvl_cli.types import Array, Floats, Ints
 
 NONE = -1
@@ -115,16 +114,14 @@ def _follow(
     for now in np.unique(frame):
         rows = np.flatnonzero(frame == now)
         alive = [one for one in tracks if time_s[now] - one.time_s <= max_coast_s]
-        expected = [
-            predict(one.state, one.spread, *model.transition(time_s[now] - one.time_s)) for one in alive
-        ]
+        expected = [model.predict(one.state, one.spread, time_s[now] - one.time_s) for one in alive]
         states = np.array([state for state, _ in expected]).reshape(-1, 4)
         spreads = np.array([spread for _, spread in expected]).reshape(-1, 4, 4)
         cost = squared_distance(measured[rows] - states[:, None], spreads[:, None] + noise[rows])
         old, new = assign(np.where(cost <= gate, cost, np.inf))
         for i, row in zip(old, rows[new], strict=True):
             one = alive[i]
-            one.state, one.spread = update(*expected[i], measured[row], noise[row], np.eye(4))
+            one.state, one.spread = update(*expected[i], measured[row], noise[row])
             one.rows.append(int(row))
             one.time_s = float(time_s[now])
         for row in np.delete(rows, new):
@@ -158,7 +155,7 @@ def _join(
     for i, (rows, (states, spreads)) in enumerate(zip(chains, fits, strict=True)):
         gap_s = starts_s - time_s[frame[rows[-1]]]
         for j in np.flatnonzero((gap_s > 0) & (gap_s <= max_gap_s)):
-            state, spread = predict(states[-1], spreads[-1], *model.transition(gap_s[j]))
+            state, spread = model.predict(states[-1], spreads[-1], gap_s[j])
             cost[i, j] = squared_distance(fits[j][0][0] - state, fits[j][1][0] + spread)
     follower = dict(zip(*assign(np.where(cost <= gate, cost, np.inf)), strict=True))
     joined = []
