@@ -33,7 +33,7 @@ MOVING = {
     **OFF,
     "mask": {"no_view": '"keep"', "min_speed_mps": "1.0"},
     "propose": {"eps_m": "1.0", "eps_deg": "0.0"},
-    "track": {"min_reach_m": "1.0", "min_follow": "0.5"},
+    "track": {"travel.required": "true"},
 }
 RUNS: dict[str, Mapping[str, Mapping[str, str]]] = {
     "as shipped": {},

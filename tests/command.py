@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import subprocess
 import sys
+import tomllib
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).parents[1]
 # A detector that learns nothing, but at once.
@@ -28,10 +32,8 @@ def make_workspace(folder: Path, **values: str) -> Path:
     set_value(folder, "raw", "dataset", '"street"')
     # Motion alone, as most tests have it: no network to load.
     for preset in sorted((folder / "stages" / "presets" / "moving-only").glob("*.toml")):
-        for line in preset.read_text().splitlines():
-            if not line.startswith("#"):
-                key, _, value = line.partition(" = ")
-                set_value(folder, preset.stem, key, value)
+        for key, value in values_in(tomllib.loads(preset.read_text())):
+            set_value(folder, preset.stem, key, value)
         preset.unlink()  # so that a value of the test's own counts
     for key, value in TINY_TRAINING.items():
         set_value(folder, "train", key, value)
@@ -41,14 +43,26 @@ def make_workspace(folder: Path, **values: str) -> Path:
     return folder
 
 
+def values_in(tables: dict[str, Any], above: str = "") -> Iterator[tuple[str, str]]:
+    """Each value of a TOML file as TOML, with its key: `travel.required` is `required` in the table `[travel]`."""
+    for key, value in tables.items():
+        if isinstance(value, dict):
+            yield from values_in(value, f"{above}{key}.")
+        else:
+            yield f"{above}{key}", json.dumps(value)
+
+
 def set_value(workspace: Path, stage: str, key: str, value: str) -> None:
-    """Change one value of a workspace."""
+    """Change one value of a workspace; a key without a table stands for that of any table."""
     path = workspace / "stages" / f"{stage}.toml"
-    lines = path.read_text().splitlines()
-    assert any(line.startswith(f"{key} =") for line in lines), f"{path} has no {key}"
-    path.write_text(
-        "\n".join(f"{key} = {value}" if line.startswith(f"{key} =") else line for line in lines) + "\n"
-    )
+    table, _, name = key.rpartition(".")
+    lines, here, found = path.read_text().splitlines(), "", False
+    for number, line in enumerate(lines):
+        here = line.strip("[]") if line.startswith("[") else here
+        if line.startswith(f"{name} =") and table in ("", here):
+            lines[number], found = f"{name} = {value}", True
+    assert found, f"{path} has no {key}"
+    path.write_text("\n".join(lines) + "\n")
 
 
 def upvl(workspace: Path, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:

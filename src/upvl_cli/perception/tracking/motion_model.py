@@ -7,10 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from upvl_cli.geometry.small_matrices import product, solve_positive_definite, transposed
-from upvl_cli.types import Array, Floats
-
-# A box shows the part that the sensor sees: its centre strays by about a tenth of its length.
-CENTRE_SHARE = 0.1
+from upvl_cli.perception.tracking.config import TrackerConfig
+from upvl_cli.types import Array, Boxes, Floats
 
 
 @dataclass(frozen=True)
@@ -18,15 +16,11 @@ class MotionModel:
     """How objects move and how well they are seen.
 
     Attributes:
-        agility_m2ps3: Spectral density of the acceleration: a velocity wanders by the root of this times
-            the time, whatever the frame rate.
-        position_noise_m: Standard deviation of the centre of a small box.
-        velocity_noise_mps: Standard deviation of the velocity that comes with a box.
+        config: Settings: the acceleration's spectral density makes a velocity wander by the root of this times the
+            time, whatever the frame rate.
     """
 
-    agility_m2ps3: float
-    position_noise_m: float
-    velocity_noise_mps: float
+    config: TrackerConfig
 
     def transition(self, dt_s: float | Floats) -> tuple[Array, Array]:
         """Return the (..., 4, 4) matrices that move a state on by a time, and the process noise of that time.
@@ -45,20 +39,17 @@ class MotionModel:
             noise[..., position, position] = dt_s**3 / 3
             noise[..., position, velocity] = noise[..., velocity, position] = dt_s**2 / 2
             noise[..., velocity, velocity] = dt_s
-        return transition, noise * self.agility_m2ps3
+        return transition, noise * self.config.acceleration_psd_m2ps3
 
-    def noise(self, seven: Floats) -> Array:
-        """Return the (n, 4, 4) measurement noise of boxes: wider along their longer side.
-
-        Args:
-            seven: (n, 7) boxes.
-        """
-        cos, sin = np.cos(seven[:, 6]), np.sin(seven[:, 6])
+    def noise(self, boxes: Boxes) -> Array:
+        """Return the (n, 4, 4) measurement noise of boxes: wider along their longer side, of which a part is hidden."""
+        cos, sin = np.cos(boxes.heading_rad), np.sin(boxes.heading_rad)
         axes = np.stack([np.stack([cos, sin], axis=1), np.stack([-sin, cos], axis=1)], axis=2)  # (n, 2, 2)
-        spread = self.position_noise_m**2 + (CENTRE_SHARE * seven[:, 3:5]) ** 2
-        noise = np.zeros((len(seven), 4, 4))
-        noise[:, :2, :2] = product(axes * spread[:, None], transposed(axes))
-        noise[:, 2, 2] = noise[:, 3, 3] = self.velocity_noise_mps**2
+        share = self.config.center_noise_share * boxes.size_lwh_m[:, :2]
+        variance = self.config.position_noise_m**2 + share**2
+        noise = np.zeros((len(boxes), 4, 4))
+        noise[:, :2, :2] = product(axes * variance[:, None], transposed(axes))
+        noise[:, 2, 2] = noise[:, 3, 3] = self.config.velocity_noise_mps**2
         return noise
 
     def predict(self, state: Floats, covariance: Floats, dt_s: float | Floats) -> tuple[Array, Array]:
@@ -85,10 +76,10 @@ class MotionModel:
         """
         states, covariances = [measured[0]], [noise[0]]
         dt_s = np.diff(time_s)
-        for step_s, seen, blur in zip(dt_s, measured[1:], noise[1:], strict=True):
+        for step_s, box, box_noise in zip(dt_s, measured[1:], noise[1:], strict=True):
             state, covariance = self.predict(states[-1], covariances[-1], step_s)
-            if np.isfinite(seen).all():
-                state, covariance = update(state, covariance, seen, blur)
+            if np.isfinite(box).all():
+                state, covariance = update(state, covariance, box, box_noise)
             states.append(state)
             covariances.append(covariance)
         return self.smooth(np.array(states), np.array(covariances), dt_s)
@@ -128,17 +119,16 @@ def update(state: Floats, covariance: Floats, measured: Floats, noise: Floats) -
     gain = transposed(solve_positive_definite(covariance + noise, covariance))
     corrected = state + product(gain, (measured - state)[..., None])[..., 0]
     rest = np.eye(4) - gain
-    own = product(product(rest, covariance), transposed(rest))
-    return corrected, own + product(product(gain, noise), transposed(gain))
+    prior = product(product(rest, covariance), transposed(rest))
+    return corrected, prior + product(product(gain, noise), transposed(gain))
 
 
-def squared_distance(offset: Floats, spread: Floats) -> Array:
+def squared_distance(offset: Floats, covariance: Floats) -> Array:
     """Return the squared Mahalanobis distance of each offset.
 
     Args:
         offset: (..., d) differences.
-        spread: (..., d, d) covariance of each.
+        covariance: (..., d, d) covariance of each.
     """
-    return np.asarray(
-        product(offset[..., None, :], solve_positive_definite(spread, offset[..., None]))[..., 0, 0]
-    )
+    weighted = solve_positive_definite(covariance, offset[..., None])
+    return product(offset[..., None, :], weighted)[..., 0, 0]
