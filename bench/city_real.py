@@ -17,9 +17,11 @@ from typing import NamedTuple
 import numpy as np
 from PIL import Image
 
+from upvl_cli.config.toml import load
 from upvl_cli.datasets.kitti.dataset import Kitti
 from upvl_cli.perception.clustering import dbscan_voxels
-from upvl_cli.perception.ground import height_above_ground
+from upvl_cli.perception.ground.height import height_above_ground
+from upvl_cli.stages.ground import GroundConfig
 from upvl_cli.synthetic.config import CityConfig
 from upvl_cli.synthetic.dataset import City
 from upvl_cli.types import Array, Drive
@@ -43,13 +45,12 @@ class Figures(NamedTuple):
 
 def figures(drive: Drive) -> Figures:
     """Look at some sweeps, evenly from the drive."""
-    settings = tomllib.loads((STAGES / "ground.toml").read_text())
-    max_height_m = settings.pop("max_height_m")
+    config = load(GroundConfig, STAGES / "ground.toml")
     found = []
     for frame in drive.frames[:: max(1, len(drive.frames) // SWEEPS)][:SWEEPS]:
         points = drive.points(frame.index)
         xyz = points.xyz_ego_m
-        ground = height_above_ground(xyz, start_z_m=drive.ground_z_m, **settings) <= max_height_m
+        ground = height_above_ground(xyz, drive.ground_z_m, config.map) <= config.max_height_m
         label = dbscan_voxels(xyz[~ground].astype(np.float64), eps_m=0.8, min_points=10, voxel_m=0.3)
         sizes = np.bincount(label[label >= 0])
         share = np.histogram(np.hypot(xyz[:, 0], xyz[:, 1]), EDGES_M)[0] / len(xyz)

@@ -21,7 +21,6 @@ import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict
 from multiprocessing import get_context
 from pathlib import Path
 from typing import NamedTuple
@@ -33,8 +32,9 @@ from sklearn.cluster import DBSCAN
 from upvl_cli.config.toml import load
 from upvl_cli.geometry.se3 import apply
 from upvl_cli.metrics.flow import FlowErrors, flow_errors
-from upvl_cli.perception.flow.estimate import estimate
-from upvl_cli.perception.registration import align_yaw
+from upvl_cli.perception.flow.rigid import estimate_rigid_flow
+from upvl_cli.perception.registration.config import YawIcpConfig
+from upvl_cli.perception.registration.icp import align_yaw
 from upvl_cli.perception.voxels import voxelize
 from upvl_cli.stages.flow import FlowConfig
 
@@ -43,6 +43,7 @@ PAIR = ROOT.parent / "shared" / "data" / "flow_pair_a" / "pair.npz"
 WORSE_M = 0.001
 SAMPLE = 500  # points of a cluster that the reference aligns
 RUNS = 3
+ICP = YawIcpConfig(radius_m=1.5, max_iterations=30, tolerance_m=1e-3)
 
 Method = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
 
@@ -74,10 +75,7 @@ def plain(source_m: np.ndarray, target_m: np.ndarray, dt_s: float) -> np.ndarray
         a = mine[:: -(-len(mine) // SAMPLE)]
         shift = np.eye(4)
         shift[:3, 3] = other.mean(axis=0) - mine.mean(axis=0)
-        fits = [
-            align_yaw(a, other, start=start, radius_m=1.5, iterations=30, stop_m=1e-3).target_from_source
-            for start in (np.eye(4), shift)
-        ]
+        fits = [align_yaw(a, other, start, ICP).target_from_source for start in (np.eye(4), shift)]
         tree = cKDTree(other)
         off_m = [tree.query(apply(motion, a))[0].mean() for motion in (np.eye(4), *fits)]
         best = int(np.argmin(off_m))
@@ -88,9 +86,8 @@ def plain(source_m: np.ndarray, target_m: np.ndarray, dt_s: float) -> np.ndarray
 
 def shipped(source_m: np.ndarray, target_m: np.ndarray, dt_s: float) -> np.ndarray:
     """The stage's algorithm with the values of `stages/flow.toml`."""
-    return (
-        estimate(source_m, target_m, dt_s, **asdict(load(FlowConfig, ROOT / "stages" / "flow.toml"))) * dt_s
-    )
+    config = load(FlowConfig, ROOT / "stages" / "flow.toml").rigid
+    return estimate_rigid_flow(source_m, target_m, dt_s, config) * dt_s
 
 
 METHODS: dict[str, Method] = {"no motion": no_motion, "plain reference": plain, "flow": shipped}

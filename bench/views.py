@@ -15,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from city_checks import first_on_way, pose_at
 from upvl_cli.config.toml import load
 from upvl_cli.geometry.se3 import apply
-from upvl_cli.perception.ground import height_above_ground
+from upvl_cli.perception.ground.height import height_above_ground
 from upvl_cli.perception.visual.views import OCCLUDED, SEEN, at_time, view
 from upvl_cli.stages.extract_vl import ExtractVlConfig
 from upvl_cli.stages.ground import GroundConfig
@@ -57,15 +57,9 @@ def _of(drive: CityDrive, frame: int, camera, limits: dict[str, float]) -> np.nd
     time_s = frame / RATE_HZ + late_s
     pose = pose_at(drive, time_s)
     xyz = at_time(points.xyz_ego_m, truth.velocity_mps, late_s, drive.world_from_ego[frame], pose)
-    shape = load(GroundConfig, STAGES / "ground.toml")
-    height_m = height_above_ground(
-        points.xyz_ego_m,
-        start_z_m=drive.ground_z_m,
-        cell_m=shape.cell_m,
-        max_slope=shape.max_slope,
-        tolerance_m=shape.tolerance_m,
-    )
-    stands = height_m > shape.max_height_m
+    ground = load(GroundConfig, STAGES / "ground.toml")
+    height_m = height_above_ground(points.xyz_ego_m, drive.ground_z_m, ground.map)
+    stands = height_m > ground.max_height_m
     found = view(camera, xyz, stands, **limits)
     chosen = np.flatnonzero((found.state == SEEN) | (found.state == OCCLUDED))
     world = apply(pose, xyz[chosen])

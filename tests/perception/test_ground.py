@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 import world
-from upvl_cli.perception.ground import _Lowest, _planes, height_above_ground
+from upvl_cli.config.toml import load
+from upvl_cli.perception.ground.height import _fit_planes, _Lowest, height_above_ground
+from upvl_cli.stages.ground import GroundConfig
 
-SETTINGS = {"cell_m": 1.0, "max_slope": 0.2, "tolerance_m": 0.15}
-GROUND_M = 0.25  # the height up to which the stage calls points ground
+STAGE = load(GroundConfig, Path(__file__).parents[2] / "stages" / "ground.toml")
+CONFIG, GROUND_M = STAGE.map, STAGE.max_height_m
 RINGS = 50
 STEPS = 900
 
@@ -46,8 +48,8 @@ def block(x_m: float, y_m: float, z_m: float, size_lwh_m: tuple[float, float, fl
     return np.concatenate([side, rear]) + (x_m, y_m, z_m)
 
 
-def heights(xyz_m: np.ndarray, start_z_m: float = 0.0) -> np.ndarray:
-    return height_above_ground(xyz_m, start_z_m=start_z_m, **SETTINGS)
+def heights(xyz_m: np.ndarray, prior_z_m: float = 0.0) -> np.ndarray:
+    return height_above_ground(xyz_m, prior_z_m, CONFIG)
 
 
 @pytest.mark.parametrize("name", TERRAINS)
@@ -120,7 +122,7 @@ def test_planes_are_those_of_plain_least_squares() -> None:
     row, column = np.indices((size, size)) + rng.uniform(0, 1, (2, size, size))
     lowest = _Lowest(0.1 * row - 0.2 * column + rng.normal(0, 0.1, row.shape), row, column)
     is_ground = rng.uniform(size=row.shape) < 0.5
-    found = _planes(lowest, is_ground, np.ones_like(is_ground), row, column)
+    found = _fit_planes(lowest, is_ground, np.ones_like(is_ground), row, column, CONFIG)
     for i, j in ((0, 0), (3, 4), (10, 10), (19, 7)):
         for reach in (2, 4, 8):
             window = np.zeros_like(is_ground)
@@ -172,5 +174,5 @@ def test_real_cars_and_cyclists_lose_nothing_above_their_feet(shared: Path) -> N
 
 def test_heights_fit_half_precision_wherever_a_point_is() -> None:
     xyz = np.array([[5.0, 0, -1.7], [6, 0, 9_000], [7, 0, -9_000], [1e4, 1e4, 1e4]])
-    height_m = height_above_ground(xyz, start_z_m=-1.73, **SETTINGS)
+    height_m = heights(xyz, -1.73)
     assert np.abs(height_m).max() == 1000 and np.isfinite(height_m.astype(np.float16)).all()

@@ -9,9 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from upvl_cli.perception.odometry import odometry, smoothed
+from upvl_cli.perception.odometry.config import KissIcpConfig, PathSmoothingConfig
+from upvl_cli.perception.odometry.lidar_odometry import estimate_poses
+from upvl_cli.perception.odometry.smoothing import smooth_path
 
-SETTINGS = {"voxel_m": 1.0, "min_range_m": 1.0, "max_range_m": 100.0}
+CONFIG = KissIcpConfig(
+    voxel_m=1.0, min_range_m=1.0, max_range_m=100.0, warm_up_sweeps=4, initial_threshold_m=0.5
+)
+
+
+def smoothed(poses: np.ndarray, *, frame: np.ndarray, reach: int) -> np.ndarray:
+    return smooth_path(poses, frame, PathSmoothingConfig("local-polynomial", reach, degree=2))
 
 
 def scene() -> np.ndarray:
@@ -43,36 +51,36 @@ def sweeps(count: int) -> list[np.ndarray]:
 
 
 def test_known_poses_come_back() -> None:
-    found = odometry(sweeps(10), **SETTINGS)
+    found = estimate_poses(sweeps(10), CONFIG)
     truth = np.array([pose(step) for step in range(10)])
     np.testing.assert_allclose(found[:, :3, 3], truth[:, :3, 3], atol=0.1)
     np.testing.assert_allclose(found[:, :3, :3], truth[:, :3, :3], atol=0.01)
 
 
 def test_a_car_that_stands_stays() -> None:
-    found = odometry([scene()] * 4, **SETTINGS)
+    found = estimate_poses([scene()] * 4, CONFIG)
     np.testing.assert_allclose(found, np.broadcast_to(np.eye(4), (4, 4, 4)), atol=1e-3)
 
 
 @pytest.mark.parametrize("count", [0, 1])
 def test_short_drives(count: int) -> None:
     np.testing.assert_allclose(
-        odometry(sweeps(count), **SETTINGS), np.tile(np.eye(4), (count, 1, 1)), atol=1e-9
+        estimate_poses(sweeps(count), CONFIG), np.tile(np.eye(4), (count, 1, 1)), atol=1e-9
     )
 
 
 def test_a_sweep_without_points_keeps_the_pose() -> None:
-    found = odometry([*sweeps(2), np.zeros((0, 3))], **SETTINGS)
+    found = estimate_poses([*sweeps(2), np.zeros((0, 3))], CONFIG)
     assert np.isfinite(found).all()
 
 
 def test_the_same_bytes_every_time() -> None:
     drive = sweeps(6)
-    assert odometry(drive, **SETTINGS).tobytes() == odometry(drive, **SETTINGS).tobytes()
+    assert estimate_poses(drive, CONFIG).tobytes() == estimate_poses(drive, CONFIG).tobytes()
 
 
 def test_importing_it_loads_no_kiss_icp() -> None:
-    code = "import sys, upvl_cli.perception.odometry; sys.exit('kiss_icp' in sys.modules)"
+    code = "import sys, upvl_cli.perception.odometry.lidar_odometry; sys.exit('kiss_icp' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
@@ -86,14 +94,14 @@ def path(count: int) -> np.ndarray:
 
 def test_a_parabola_stays_what_it_is() -> None:
     kept = np.array([0, 1, 2, 4, 5, 6, 7, 9, 11, 12])  # numbers with gaps
-    np.testing.assert_allclose(smoothed(path(13)[kept], at=kept, reach=5), path(13)[kept], atol=1e-9)
+    np.testing.assert_allclose(smoothed(path(13)[kept], frame=kept, reach=5), path(13)[kept], atol=1e-9)
 
 
 def test_jitter_is_taken_off_and_rotations_stay() -> None:
     truth = path(40)
     jittery = truth.copy()
     jittery[:, :3, 3] += np.random.default_rng(0).normal(0, 0.03, (40, 3))
-    found = smoothed(jittery, at=np.arange(40), reach=5)
+    found = smoothed(jittery, frame=np.arange(40), reach=5)
     assert (
         np.diff(found[:, 0, 3] - truth[:, 0, 3]).std()
         < 0.25 * np.diff(jittery[:, 0, 3] - truth[:, 0, 3]).std()
@@ -104,7 +112,7 @@ def test_jitter_is_taken_off_and_rotations_stay() -> None:
 @pytest.mark.parametrize(("count", "reach"), [(0, 5), (1, 5), (3, 5), (9, 0), (9, 1)])
 def test_too_few_neighbours_change_nothing(count: int, reach: int) -> None:
     poses = path(count) if count else np.zeros((0, 4, 4))
-    np.testing.assert_array_equal(smoothed(poses, at=np.arange(count), reach=reach), poses)
+    np.testing.assert_array_equal(smoothed(poses, frame=np.arange(count), reach=reach), poses)
 
 
 @pytest.mark.real
@@ -116,6 +124,6 @@ def test_real_sweeps_give_nearly_the_poses_of_the_drive(shared: Path) -> None:
     dataset = Kitti(shared / "data" / "kitti_raw_b")
     drive = dataset.open(dataset.segments[0])
     assert drive.world_from_ego is not None
-    found = odometry((drive.points(frame.index).xyz_ego_m for frame in drive.frames), **SETTINGS)
+    found = estimate_poses((drive.points(frame.index).xyz_ego_m for frame in drive.frames), CONFIG)
     given = np.linalg.inv(drive.world_from_ego[0]) @ drive.world_from_ego
     assert np.linalg.norm(given[-1, :3, 3] - found[-1, :3, 3]) < 0.01 * 34

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from upvl_cli.geometry.se3 import apply
-from upvl_cli.perception.registration import align_yaw, fit_yaw
+from upvl_cli.perception.registration.config import YawIcpConfig
+from upvl_cli.perception.registration.icp import align_yaw, fit_yaw
 
 
 def pose(x_m: float, y_m: float, z_m: float, yaw_rad: float) -> np.ndarray:
@@ -38,7 +39,10 @@ def test_a_fit_of_pairs_is_exact() -> None:
 def test_a_known_motion_comes_back(truth: np.ndarray) -> None:
     points = car(400, 1)
     found = align_yaw(
-        points, apply(truth, points), start=np.eye(4), radius_m=0.5, iterations=100, stop_m=1e-6
+        points,
+        apply(truth, points),
+        np.eye(4),
+        YawIcpConfig(radius_m=0.5, max_iterations=100, tolerance_m=1e-6),
     )
     np.testing.assert_allclose(found.target_from_source, truth, atol=1e-3)
     assert found.inlier_share == 1.0
@@ -48,7 +52,10 @@ def test_a_known_motion_comes_back(truth: np.ndarray) -> None:
 def test_other_points_of_the_same_thing_will_do() -> None:
     truth = pose(0.3, 0.1, 0, 0.05)
     found = align_yaw(
-        car(400, 1), apply(truth, car(400, 2)), start=np.eye(4), radius_m=0.5, iterations=100, stop_m=1e-6
+        car(400, 1),
+        apply(truth, car(400, 2)),
+        np.eye(4),
+        YawIcpConfig(radius_m=0.5, max_iterations=100, tolerance_m=1e-6),
     )
     np.testing.assert_allclose(found.target_from_source, truth, atol=0.04)
 
@@ -60,7 +67,7 @@ def test_other_points_of_the_same_thing_will_do() -> None:
 )
 def test_the_start_is_kept_where_nothing_fits(source: np.ndarray, target: np.ndarray) -> None:
     start = pose(1, 2, 3, 0.4)
-    found = align_yaw(source, target, start=start, radius_m=1.0, iterations=5, stop_m=1e-3)
+    found = align_yaw(source, target, start, YawIcpConfig(radius_m=1.0, max_iterations=5, tolerance_m=1e-3))
     np.testing.assert_array_equal(found.target_from_source, start)
     assert found.inlier_share == 0
     assert found.inlier_rmse_m == float("inf")

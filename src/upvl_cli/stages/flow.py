@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
-from upvl_cli.config.base import Config, setting
+from upvl_cli.config.base import Config, setting, table
+from upvl_cli.perception.flow.config import RigidFlowConfig
 from upvl_cli.pipeline.stage import Stage
 from upvl_cli.stages.rows import FlowRow, GroundRow, OdometryRow
 
@@ -19,19 +20,22 @@ if TYPE_CHECKING:
 class FlowConfig(Config):
     """Settings of `flow`."""
 
-    max_speed_mps: float = setting("a faster component is noise", "m/s", ge=0.1, le=80)
-    eps_m: float = setting("points closer than this are one component", "m", ge=0.05, le=20)
-    min_points: int = setting("points that make a neighbourhood dense", ge=1, le=10**6)
-    voxel_m: float = setting("points closer than this count as one place", "m", ge=0.01, le=10)
-    still_misfit: float = setting(
-        "a component this close to the next sweep, in spacings, stands still", ge=0, le=100
+    method: Literal["rigid"] = setting(
+        "how flow is estimated; rigid: one rigid motion for each connected component, by ICP"
     )
-    min_gain: float = setting("motion must lower that misfit by this share", ge=0, le=1)
+    rigid: RigidFlowConfig = table("settings of the rigid method")
 
 
 @dataclass(frozen=True)
 class SweepPair:
-    """A sweep, which of its points stand above the ground, and those of another in its ego axes."""
+    """A sweep and the points above the ground of another one, in the ego axes of the first.
+
+    Attributes:
+        xyz_ego_m: (n, 3) points of the sweep.
+        is_above: (n,) which of them stand above the ground.
+        other_xyz_ego_m: (m, 3) points of the other sweep that stand above the ground.
+        dt_s: Time from the sweep to the other one; 0 where there is no other.
+    """
 
     xyz_ego_m: Array
     is_above: Array
@@ -41,21 +45,17 @@ class SweepPair:
 
 def run(inputs: Inputs, config: FlowConfig) -> Iterator[FlowRow]:
     """Estimate the motion of every LiDAR point relative to the ground."""
-    from dataclasses import asdict
-
     import numpy as np
 
-    from upvl_cli.perception.flow.estimate import estimate
+    from upvl_cli.perception.flow.rigid import estimate_rigid_flow
     from upvl_cli.runtime.parallel import in_order
 
-    settings = asdict(config)
-
     def flow_mps(pair: SweepPair) -> Array:
-        """The flow of a sweep; the ground, and a sweep all alone, have none."""
+        """Return the flow of a sweep; the ground, and a sweep all alone, have none."""
         flow = np.zeros((len(pair.xyz_ego_m), 3))
         if pair.dt_s:
             source = pair.xyz_ego_m[pair.is_above].astype(np.float64)
-            flow[pair.is_above] = estimate(source, pair.other_xyz_ego_m, pair.dt_s, **settings)
+            flow[pair.is_above] = estimate_rigid_flow(source, pair.other_xyz_ego_m, pair.dt_s, config.rigid)
         return flow
 
     frames = inputs.table("odometry", OdometryRow).frames
@@ -64,7 +64,7 @@ def run(inputs: Inputs, config: FlowConfig) -> Iterator[FlowRow]:
 
 
 def _pairs(inputs: Inputs) -> Iterator[SweepPair]:
-    """Each sweep with the next one; the last with the one before, so that its motion is that way back, turned."""
+    """Pair each sweep with the next one, and the last with the one before: backward in time, dt is negative."""
     from upvl_cli.geometry.se3 import apply, inverse
     from upvl_cli.runtime.parallel import in_order
 
@@ -79,16 +79,16 @@ def _pairs(inputs: Inputs) -> Iterator[SweepPair]:
     sweeps = in_order(sweep, range(len(poses)))
     before = here = next(sweeps)
     for step, pose in enumerate(poses):
-        last = step + 1 == len(poses)
-        other = max(step - 1, 0) if last else step + 1
-        after = before if last else next(sweeps)
+        is_last = step + 1 == len(poses)
+        paired = max(step - 1, 0) if is_last else step + 1
+        after = before if is_last else next(sweeps)
         (xyz_ego_m, is_above), (other_xyz_m, other_is_above) = here, after
-        ego_from_other = inverse(pose.world_from_ego) @ poses[other].world_from_ego
+        ego_from_other = inverse(pose.world_from_ego) @ poses[paired].world_from_ego
         yield SweepPair(
             xyz_ego_m,
             is_above,
             apply(ego_from_other, other_xyz_m[other_is_above]),
-            (poses[other].time_ns - pose.time_ns) * 1e-9,
+            (poses[paired].time_ns - pose.time_ns) * 1e-9,
         )
         before, here = here, after
 

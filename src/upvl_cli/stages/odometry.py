@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from upvl_cli.config.base import Config, setting
+from upvl_cli.config.base import Config, table
+from upvl_cli.perception.odometry.config import KissIcpConfig, PathSmoothingConfig
 from upvl_cli.pipeline.stage import Stage
 from upvl_cli.stages.rows import OdometryRow
 
@@ -16,16 +17,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class OdometryConfig(Config):
-    """Settings of `odometry`."""
+    """Settings of `odometry`, for drives without poses of their own."""
 
-    voxel_m: float = setting("edge of the voxels of the local map", "m", ge=0.01, le=10)
-    min_range_m: float = setting("nearer points are left out: they are the car itself", "m", ge=0, le=1000)
-    max_range_m: float = setting("farther points are left out", "m", ge=1, le=1000)
-    smooth_frames: int = setting(
-        "frames on each side whose path an estimated place is drawn to; 0 draws it to none",
-        ge=0,
-        le=1000,
-    )
+    kiss_icp: KissIcpConfig = table("estimate of the poses from the sweeps")
+    smoothing: PathSmoothingConfig = table("smoothing of the estimated positions")
 
 
 def run(inputs: Inputs, config: OdometryConfig) -> Iterator[OdometryRow]:
@@ -37,17 +32,12 @@ def run(inputs: Inputs, config: OdometryConfig) -> Iterator[OdometryRow]:
         inputs.count(reason, items)
     poses = drive.world_from_ego
     if poses is None:
-        from upvl_cli.perception.odometry import odometry, smoothed
+        from upvl_cli.perception.odometry.lidar_odometry import estimate_poses
+        from upvl_cli.perception.odometry.smoothing import smooth_path
 
-        measured = odometry(
-            (drive.points(frame.index).xyz_ego_m for frame in drive.frames),
-            voxel_m=config.voxel_m,
-            min_range_m=config.min_range_m,
-            max_range_m=config.max_range_m,
-        )
-        poses = smoothed(
-            measured, at=np.array([frame.index for frame in drive.frames]), reach=config.smooth_frames
-        )
+        sweeps = (drive.points(frame.index).xyz_ego_m for frame in drive.frames)
+        numbers = np.array([frame.index for frame in drive.frames])
+        poses = smooth_path(estimate_poses(sweeps, config.kiss_icp), numbers, config.smoothing)
         inputs.count("poses estimated", len(poses))
     else:
         inputs.count("poses given", len(poses))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +10,13 @@ import pytest
 from upvl_cli.config.toml import load
 from upvl_cli.geometry.se3 import apply, from_yaw
 from upvl_cli.metrics.flow import flow_errors
-from upvl_cli.perception.flow.estimate import estimate
-from upvl_cli.perception.registration import align_yaw
+from upvl_cli.perception.flow.rigid import estimate_rigid_flow
+from upvl_cli.perception.registration.config import YawIcpConfig
+from upvl_cli.perception.registration.icp import align_yaw
 from upvl_cli.stages.flow import FlowConfig
 
 ROOT = Path(__file__).parents[3]
-SETTINGS = asdict(load(FlowConfig, ROOT / "stages" / "flow.toml"))
+CONFIG = load(FlowConfig, ROOT / "stages" / "flow.toml").rigid
 DT_S = 0.1
 NOISE_M = 0.01
 
@@ -27,7 +27,7 @@ LINES = pytest.mark.xfail(
 
 
 def flow_mps(source_m: np.ndarray, target_m: np.ndarray, dt_s: float = DT_S) -> np.ndarray:
-    return np.asarray(estimate(source_m, target_m, dt_s, **SETTINGS))
+    return np.asarray(estimate_rigid_flow(source_m, target_m, dt_s, CONFIG))
 
 
 def surface(corner: tuple[float, ...], *edges: tuple[float, ...], count: int, seed: int) -> np.ndarray:
@@ -160,7 +160,7 @@ def test_as_exact_as_plain_registration_that_starts_from_the_truth() -> None:
     )
     for mine, other, way, ours in zip(things, moved, shift, found, strict=True):
         start = from_yaw(0.0, np.array([*way, 0.0]))
-        plain = align_yaw(mine, other, start=start, radius_m=0.5, iterations=50, stop_m=1e-5)
+        plain = align_yaw(mine, other, start, YawIcpConfig(radius_m=0.5, max_iterations=50, tolerance_m=1e-5))
         assert error_mps(ours, (apply(plain.target_from_source, mine) - mine) / DT_S) < 1.0
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from upvl_cli.geometry.se3 import apply, from_yaw, yaw_of
-from upvl_cli.perception.registration import Alignment, align_yaw
+from upvl_cli.geometry.se3 import apply
+from upvl_cli.perception.registration.config import RegistrationConfig
+from upvl_cli.perception.registration.icp import register_clouds
 from upvl_cli.perception.voxels import voxelize
 from upvl_cli.types import Array, Floats
 
@@ -37,6 +38,9 @@ def register(
     Returns:
         T matrices (4, 4) to the axes of the densest cloud; None for those that stay out.
     """
+    config = RegistrationConfig(
+        radius_m, iterations, STOP_M, SHIFTS, GOOD_SHARE, min_inlier_share, MAX_YAW_RAD
+    )
     found: list[Array | None] = [None] * len(clouds_m)
     thin = [voxelize(cloud, voxel_m=VOXEL_M).centroid.reshape(-1, 3) for cloud in clouds_m]
     densest = int(np.argmax([len(cloud) for cloud in thin])) if thin else 0
@@ -50,37 +54,9 @@ def register(
             if len(clouds_m[at]) < min_points:
                 continue
             cloud = thin[at][:: -(-len(thin[at]) // MOST_POINTS)]
-            tries = (
-                align_yaw(cloud, model, start=start, radius_m=radius_m, iterations=iterations, stop_m=STOP_M)
-                for start in _starts(nearest, extent)
-            )
-            best = _best(tries, radius_m)
-            if best.inlier_share < min_inlier_share or abs(yaw_of(best.target_from_source)) > MAX_YAW_RAD:
+            best = register_clouds(cloud, model, (nearest, np.eye(4)), extent, config)
+            if best is None:
                 continue
             found[at] = nearest = best.target_from_source
             model = voxelize(np.vstack([model, apply(nearest, thin[at])]), voxel_m=VOXEL_M).centroid
     return found
-
-
-def _starts(nearest: Array, extent_m: Array) -> Iterator[Array]:
-    yield nearest
-    yield np.eye(4)
-    for along in SHIFTS:
-        for across in SHIFTS:
-            if along or across:
-                yield from_yaw(0.0, np.array([along, across, 0.0]) * [*extent_m, 0.0]) @ nearest
-
-
-def _best(tries: Iterable[Alignment], radius_m: float) -> Alignment:
-    """The alignment with the least error; the later tries only where the first two fit badly."""
-    best, least = None, np.inf
-    for number, one in enumerate(tries):
-        # A point without partner counts as one at the radius: few good pairs are no good match.
-        missing = (1 - one.inlier_share) * radius_m**2
-        error = missing + (one.inlier_share * one.inlier_rmse_m**2 if one.inlier_share else 0.0)
-        if error < least:
-            best, least = one, error
-        if number >= 1 and best is not None and best.inlier_share >= GOOD_SHARE:
-            break
-    assert best is not None  # there are 26 tries
-    return best

@@ -1,4 +1,4 @@
-"""Points in groups, handled all at once: what a loop over groups would do, without the loop."""
+"""Point sets in groups, processed all at once: what a loop over groups computes, without the loop."""
 
 from __future__ import annotations
 
@@ -14,73 +14,87 @@ class Groups(NamedTuple):
     """Points in order of their group.
 
     Attributes:
-        xyz_m: (n, 3) points; those of a group lie together.
-        first: (g,) where each group begins.
+        xyz_m: (n, 3) points; those of a group are consecutive rows.
+        first: (g,) row at which each group begins.
         size: (g,) points of each group.
-        centre_m: (g, 3) mean of all points of each group, those that were not taken included.
+        center_m: (g, 3) mean of all points of each group, those that were not sampled included.
     """
 
     xyz_m: Floats
     first: Ints
     size: Ints
-    centre_m: Floats
+    center_m: Floats
 
 
 @dataclass(frozen=True)
 class Poses:
-    """Where h hypotheses put the centres of their groups, and how they turn them about the vertical.
+    """Hypotheses of where groups have moved, each a position of the center and a turn about the vertical.
 
     Attributes:
-        group: (h,) which group each is about.
+        group: (h,) group that each hypothesis is about.
         yaw_rad: (h,) angles, counter-clockwise.
-        place_m: (h, 3) places of the centres.
+        center_m: (h, 3) positions of the centers.
     """
 
     group: Ints
     yaw_rad: Floats
-    place_m: Floats
+    center_m: Floats
 
     def __getitem__(self, index: Array) -> Poses:
-        """The hypotheses of that mask or those numbers."""
-        return Poses(self.group[index], self.yaw_rad[index], self.place_m[index])
+        """Return the hypotheses that a mask or an array of numbers selects."""
+        return Poses(self.group[index], self.yaw_rad[index], self.center_m[index])
 
 
-def still(groups: Groups) -> Poses:
-    """The hypothesis that each group stands still."""
+def static_poses(groups: Groups) -> Poses:
+    """Return one hypothesis for each group: that it has not moved."""
     total = len(groups.size)
-    return Poses(np.arange(total), np.zeros(total), groups.centre_m)
+    return Poses(np.arange(total), np.zeros(total), groups.center_m)
 
 
-def sample(xyz_m: Floats, of_point: Ints, *, total: int, most: int) -> Groups:
-    """Take points of each group, evenly from their order.
+def sample_groups(xyz_m: Floats, group_of_point: Ints, *, total: int, max_points: int) -> Groups:
+    """Sample points of each group, evenly from their order.
 
     Args:
         xyz_m: (n, 3) points.
-        of_point: (n,) group of each, below `total`; -1 where it has none.
-        total: How many groups there are.
-        most: Points to take of each at most.
+        group_of_point: (n,) group of each, below `total`; -1 where it has none.
+        total: Number of groups.
+        max_points: Points that are sampled from each at most.
     """
-    order = np.argsort(of_point, kind="stable")
-    order = order[np.searchsorted(of_point[order], 0) :]
-    group = of_point[order]
+    order = np.argsort(group_of_point, kind="stable")
+    order = order[np.searchsorted(group_of_point[order], 0) :]
+    group = group_of_point[order]
     size = np.bincount(group, minlength=total)
     rank = np.arange(len(order)) - (np.cumsum(size) - size)[group]
-    step = np.minimum(size, most)[group]
-    # Every time that rank x step passes a multiple of the size, one point is taken.
-    taken = rank * step // size[group] != (rank - 1) * step // size[group]
-    centre_m = centres(xyz_m[order], group, total)
-    size = np.minimum(size, most)
-    return Groups(xyz_m[order[taken]], np.cumsum(size) - size, size, centre_m)
+    step = np.minimum(size, max_points)[group]
+    # Every time that rank x step passes a multiple of the size, one point is sampled.
+    sampled = rank * step // size[group] != (rank - 1) * step // size[group]
+    center_m = group_means(xyz_m[order], group, total)
+    size = np.minimum(size, max_points)
+    return Groups(xyz_m[order[sampled]], np.cumsum(size) - size, size, center_m)
 
 
-def sums(group: Ints, values: Array, total: int) -> Array:
-    """(total, d) sum of the rows of values over each group."""
+def group_sums(values: Array, group: Ints, total: int) -> Array:
+    """Return the (total, d) sums of the rows of (n, d) values over each group."""
     columns = [np.bincount(group, column, total) for column in values.T]
     return np.stack(columns, axis=1).astype(np.float64)  # of nothing, bincount gives integers
 
 
-def members(groups: Groups, group: Ints) -> tuple[Ints, Ints]:
-    """The points of some groups, which may come twice.
+def group_means(values: Array, group: Ints, total: int) -> Floats:
+    """Return the (total, d) means of the rows of values over each group; NaN where a group has no row.
+
+    Args:
+        values: (n, d) rows.
+        group: (n,) group of each row, -1 for none.
+        total: Number of groups.
+    """
+    grouped = group >= 0
+    size = np.bincount(group[grouped], minlength=total)[:, None].astype(np.float64)
+    size[size == 0] = np.nan
+    return np.asarray(group_sums(values[grouped], group[grouped], total) / size)
+
+
+def group_members(groups: Groups, group: Ints) -> tuple[Ints, Ints]:
+    """Return the points of a list of groups, in which a group may come twice.
 
     Args:
         groups: The points.
@@ -95,31 +109,36 @@ def members(groups: Groups, group: Ints) -> tuple[Ints, Ints]:
     return item, np.arange(len(item)) + (groups.first[group] - begin)[item]
 
 
-def turned(yaw_rad: Floats, xyz_m: Floats) -> Floats:
-    """(n, 3) points, each turned about the vertical by its own angle."""
+def rotate_about_z(yaw_rad: Floats, xyz_m: Floats) -> Floats:
+    """Return (n, 3) points or vectors, each rotated about the vertical by its own (n,) angle."""
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
     x, y, z = xyz_m.T
     return np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=1)
 
 
-def posed(groups: Groups, poses: Poses) -> tuple[Ints, Ints, Floats]:
-    """The points of each hypothesis where it puts them: which hypothesis, which point, place (n, 3)."""
-    item, point = members(groups, poses.group)
-    local_m = groups.xyz_m[point] - groups.centre_m[poses.group][item]
-    return item, point, turned(poses.yaw_rad[item], local_m) + poses.place_m[item]
+def apply_poses(groups: Groups, poses: Poses) -> tuple[Ints, Ints, Floats]:
+    """Transform the points of each hypothesis' group by it.
+
+    Args:
+        groups: The points.
+        poses: h hypotheses.
+
+    Returns:
+        For each transformed point: which hypothesis, which point of `groups`, and its (n, 3) position.
+    """
+    item, point = group_members(groups, poses.group)
+    local_m = groups.xyz_m[point] - groups.center_m[poses.group][item]
+    return item, point, rotate_about_z(poses.yaw_rad[item], local_m) + poses.center_m[item]
 
 
-def centres(values: Array, group: Ints, total: int) -> Floats:
-    """(total, d) mean of the rows of values over each group, -1 being none; NaN where a group has no row."""
-    held = group >= 0
-    size = np.bincount(group[held], minlength=total)[:, None].astype(np.float64)
-    size[size == 0] = np.nan
-    return np.asarray(sums(group[held], values[held], total) / size)
+def relabel(label: Ints, kept: Ints) -> Ints:
+    """Return labels as their index in `kept`, which ascends; -1 for labels that are not in it.
 
-
-def renumbered(label: Ints, kept: Ints) -> Ints:
-    """Labels as places in `kept`, which ascends; -1 for all others."""
+    Args:
+        label: (n,) labels.
+        kept: (k,) labels that stay.
+    """
     if not len(kept):
         return np.full(len(label), -1)
-    place = np.minimum(np.searchsorted(kept, label), len(kept) - 1)
-    return np.where(kept[place] == label, place, -1)
+    index = np.minimum(np.searchsorted(kept, label), len(kept) - 1)
+    return np.where(kept[index] == label, index, -1)

@@ -1,0 +1,1 @@
+"""Ground: the height of each point above the ground below it."""

@@ -1,0 +1,1 @@
+"""Odometry: poses of the car from its sweeps."""

@@ -1,0 +1,1 @@
+"""Registration of upright objects: rotation about the vertical and translation."""
