@@ -1,4 +1,6 @@
-"""Whether results depend on the processor: python bench/portability.py [--kitti ROOT] [--keep FOLDER] [-- OPTION ...]
+"""Whether results depend on the processor.
+
+    python bench/portability.py [--kitti ROOT] [--keep FOLDER] [-- OPTION ...]
 
 OpenBLAS picks the kernels of its matrix products by the processor, and each sums in an order of its own. Every stage
 of `upvl autolabel` is run with each kernel that this processor can run, and its shards are compared with those of
@@ -21,6 +23,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from upvl_cli.commands.pipeline import PIPELINE
 from upvl_cli.types import Array
 from workspaces import on_city, on_kitti
 
@@ -72,6 +75,10 @@ def differences(one: Path, two: Path) -> dict[str, str]:
     return found
 
 
+def _leading_number(text: str) -> float:
+    return float(text.split()[0]) if text else -1.0
+
+
 def label(folder: Path, kernel: str, options: list[str]) -> None:
     """Label the drives of a workspace with one kernel; one thread, so that the number of cores has no say."""
     upvl = Path(sys.executable).with_name("upvl")
@@ -102,15 +109,13 @@ def main() -> None:
             on_city(here, frames=given.frames, train=0, val=1)
         label(here, asked, given.options)
     first, *others = names
-    stages = [
-        path.name
-        for path in sorted((folder / first / "out").iterdir(), key=lambda path: path.stat().st_mtime)
-    ]
-    for stage in stages:
+    made = [stage.name for stage in PIPELINE.stages if (folder / first / "out" / stage.name).is_dir()]
+    for stage in made:
         for name in others:
             found: dict[str, str] = {}
             for shard in sorted((folder / first / "out" / stage).glob("*.parquet")):
-                found |= differences(shard, folder / name / "out" / stage / shard.name)
+                for column, size in differences(shard, folder / name / "out" / stage / shard.name).items():
+                    found[column] = max(found.get(column, ""), size, key=_leading_number)
             print(
                 f"{stage:14} {name:12} " + (", ".join(f"{k} {v}" for k, v in found.items()) or "same"),
                 flush=True,
