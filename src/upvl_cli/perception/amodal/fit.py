@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.ndimage import percentile_filter
 
 from upvl_cli.geometry.se3 import apply, inverse, wrap_angle
-from upvl_cli.perception.amodal.config import AmodalFitConfig, EdgeConfig, SizeCompletionConfig
+from upvl_cli.perception.amodal.completion import complete_center, complete_size, person_size
+from upvl_cli.perception.amodal.config import AmodalFitConfig, EdgeConfig
 from upvl_cli.perception.amodal.edges import attained, trimmed_edges
 from upvl_cli.perception.amodal.heading import headings
 from upvl_cli.perception.amodal.sightings import Sightings
 from upvl_cli.perception.amodal.track_registration import register_track
+from upvl_cli.perception.amodal.vertical import vertical_extent
 from upvl_cli.perception.box_fit import along
 from upvl_cli.types import Array, Boxes, Floats
 
@@ -36,16 +37,16 @@ def fit_amodal_boxes(seen: Sightings, config: AmodalFitConfig) -> Boxes:
     clouds, sensor_xy_m = _to_box_axes(clouds, seen, heading_rad)
     motions = register_track(clouds, config.registration)
     low, high = trimmed_edges(clouds, config.edges.trim_share)
-    floor_m, height_m = _vertical_extent(seen, config)
-    min_size_m = _person_size(height_m, config.size)
+    floor_m, height_m = vertical_extent(seen, config)
+    min_size_m = person_size(height_m, config.size)
     if motions:
         first, last, sensor_m = _registered_edges(clouds, motions, sensor_xy_m, config.edges)
     else:
         extent_m = attained(high - low, config.edges.min_frame_share)
         first, last, sensor_m = -extent_m / 2, extent_m / 2, sensor_xy_m.mean(axis=0)
-    size_m = _complete_size(last - first, min_size_m, config.size)
-    middle = _complete_center(first[None], last[None], sensor_m[None], size_m, config.size)[0]
-    offset = _complete_center(low, high, sensor_xy_m, size_m, config.size)
+    size_m = complete_size(last - first, min_size_m, config.size)
+    middle = complete_center(first[None], last[None], sensor_m[None], size_m, config.size)[0]
+    offset = complete_center(low, high, sensor_xy_m, size_m, config.size)
     for number, motion in motions.items():
         offset[number] = _move(inverse(motion), middle)
     xy_m = seen.boxes.center_m[:, :2] + along(_interpolate_missing(offset), -heading_rad)
@@ -73,29 +74,6 @@ def _to_box_axes(
     return turned, along(seen.sensor_xy_m - center_m[:, :2], heading_rad)
 
 
-def _vertical_extent(seen: Sightings, config: AmodalFitConfig) -> tuple[Array, float]:
-    """Return (T,) heights of the lower side of the box, and its height.
-
-    An object that shows its foot in some frames stands on the ground in all of them, also where its foot is hidden.
-    """
-    rule, min_share = config.ground, config.edges.min_frame_share
-    low, high, ground = (np.full(len(seen.xyz_m), np.nan) for _ in range(3))
-    for number, (xyz_m, height_m) in enumerate(zip(seen.xyz_m, seen.height_m, strict=True)):
-        if len(xyz_m):
-            low[number], high[number] = height_m.min(), height_m.max()
-            ground[number] = np.median(xyz_m[:, 2] - height_m)
-    known = np.flatnonzero(np.isfinite(low))
-    if not len(known):
-        box_height_m = seen.boxes.size_lwh_m[:, 2]
-        return seen.boxes.center_m[:, 2] - box_height_m / 2, float(attained(box_height_m, min_share))
-    lowest_m = -float(attained(-low, min_share))
-    foot_m = lowest_m if lowest_m >= rule.max_standing_m else 0.0
-    # An object that hides the ground is itself taken for ground: the height is then too high, never too low.
-    level = percentile_filter(ground[known], rule.percentile, size=rule.window_frames, mode="nearest")
-    floor_m = np.interp(np.arange(len(ground)), known, level) + foot_m
-    return floor_m, float(attained(high, min_share)) - foot_m
-
-
 def _registered_edges(
     clouds_m: Sequence[Floats], motions: Mapping[int, Array], sensor_xy_m: Array, config: EdgeConfig
 ) -> tuple[Array, Array, Array]:
@@ -109,39 +87,6 @@ def _registered_edges(
 
 def _move(motion: Array, xy_m: Array) -> Array:
     return apply(motion, np.array([[*xy_m, 0.0]]))[0, :2]
-
-
-def _person_size(height_m: float, config: SizeCompletionConfig) -> Array:
-    """Return (2,) length and width that a person of that height has at least; zeros for what is no person."""
-    if not config.min_person_height_m <= height_m <= config.max_person_height_m:
-        return np.zeros(2)
-    adult_m = np.array([config.person_length_m, config.person_width_m])
-    return adult_m * min(height_m / config.person_height_m, 1.0)
-
-
-def _complete_size(size_m: Array, min_size_m: Array, config: SizeCompletionConfig) -> Array:
-    """Return (2,) length and width, not below those of a person or, where it is that long or wide, of a car."""
-    length_m, width_m = np.maximum(size_m, min_size_m)
-    if width_m > config.min_wheeled_width_m or length_m > config.min_car_length_m:
-        length_m, width_m = max(length_m, config.car_length_m), max(width_m, config.car_width_m)
-        length_m = max(length_m, config.min_aspect * width_m)
-    return np.array([length_m, width_m])
-
-
-def _complete_center(
-    low: Array, high: Array, sensor_xy_m: Array, size_m: Array, config: SizeCompletionConfig
-) -> Array:
-    """Return (T, 2) center of a box of that size whose hidden part lies behind the edge that faces the sensor.
-
-    A vehicle shows a corner, so that this holds along and across. A small object shows one side, wholly: its
-    rest is behind that, along the line of sight.
-    """
-    middle = (low + high) / 2
-    sight = middle - sensor_xy_m
-    away = np.sign(sight)
-    if size_m.max() <= config.min_wheeled_width_m:
-        away = sight / np.maximum(np.linalg.norm(sight, axis=1, keepdims=True), 1e-9)
-    return np.asarray(middle + away * (size_m - (high - low)) / 2)
 
 
 def _interpolate_missing(offset: Array) -> Array:
