@@ -6,7 +6,8 @@ OpenBLAS picks the kernels of its matrix products by the processor, and each sum
 of `upvl autolabel` is run with each kernel that this processor can run, and its shards are compared with those of
 the first one: a shard that a later stage computes from them may not hang on the machine either. Prints, for each
 stage and kernel, the largest difference of each column that differs; `rows` where there are other rows.
-The drive is the built-in city's shortest, or all of ROOT; options after `--` go to `autolabel` (`--moving-only`).
+The drives are those of ROOT; without, one of the built-in city, whose rays are themselves cast through BLAS: its
+points differ in the last digit before any stage has run. Options after `--` go to `autolabel` (`--moving-only`).
 """
 
 from __future__ import annotations
@@ -36,10 +37,10 @@ print(threadpoolctl.threadpool_info()[0]["architecture"])
 """
 
 
-def kernels() -> dict[str, str]:
+def kernels(names: list[str]) -> dict[str, str]:
     """Return the kernels that run here: the name to ask for, by the one that OpenBLAS gives its answer."""
     found: dict[str, str] = {}
-    for name in KERNELS:
+    for name in names:
         done = subprocess.run(
             [sys.executable, "-c", PROBE],
             env=os.environ | {"OPENBLAS_CORETYPE": name},
@@ -96,10 +97,11 @@ def main() -> None:
     parser.add_argument("--kitti", type=Path, help="folder of KITTI raw drives")
     parser.add_argument("--keep", type=Path, help="folder for the workspaces; a temporary one if not given")
     parser.add_argument("--frames", type=int, default=20, help="frames of the built-in drive")
+    parser.add_argument("--kernels", nargs="+", default=list(KERNELS), help="as OPENBLAS_CORETYPE names them")
     parser.add_argument("options", nargs="*", help="of `upvl autolabel`")
     given = parser.parse_args()
     folder = given.keep or Path(tempfile.mkdtemp())
-    names = kernels()
+    names = kernels(given.kernels)
     print(f"kernels that run here: {', '.join(names)}", flush=True)
     for name, asked in names.items():
         here = folder / name

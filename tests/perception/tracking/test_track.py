@@ -225,3 +225,33 @@ def test_a_box_belongs_to_the_nearer_of_two_tracks() -> None:
     config = replace(CONFIG, travel=replace(CONFIG.travel, required=False))
     tracks = track(np.repeat(np.arange(4), 2), Boxes.from_rows(rows), np.zeros((8, 3)), TIME_S, config)
     assert tracks.box.tolist() == [0, 2, 4, 6, 1, 3, 5, 7]
+
+
+def test_limits_of_time_are_reached_and_not_passed() -> None:
+    """Half a second is no longer than half a second, for a track that coasts and for fragments."""
+    still = replace(CONFIG, min_boxes=1, travel=replace(CONFIG.travel, required=False))
+    path = ((0.0, 0.0), (8.0, 0.0), [0, 5])
+    assert TIME_S[5] == 0.5
+    assert set(seen(path, config=replace(still, max_coast_s=0.5, max_gap_s=0.0)).track_id) == {0}
+    assert set(seen(path, config=replace(still, max_coast_s=0.0, max_gap_s=0.5)).track_id) == {0}
+    assert set(seen(path, config=replace(still, max_coast_s=0.49, max_gap_s=0.49)).track_id) == {0, 1}
+
+
+def test_a_fragment_begins_where_all_of_its_boxes_say() -> None:
+    """Its first box is off by 0.6 m, and would not be within the gate; the boxes after it put that right."""
+    frames = np.array([0, 1, 2, 3, 7, 8, 9, 10, 11, 12])
+    rows = np.tile([0.0, 0, 0.8, 0.1, 0.1, 1.5, 0], (10, 1))
+    rows[4, 1] = 0.6
+    boxes, velocity = Boxes.from_rows(rows), np.zeros((10, 3))
+    config = replace(
+        CONFIG,
+        acceleration_psd_m2ps3=0.01,
+        velocity_noise_mps=0.1,
+        max_coast_s=0.15,
+        gate_sigma=2.5,
+        min_boxes=1,
+        travel=replace(CONFIG.travel, required=False),
+    )
+    assert set(track(frames, boxes, velocity, TIME_S, config).track_id) == {0}
+    first_alone = track(frames[:5], boxes[:5], velocity[:5], TIME_S, config)
+    assert set(first_alone.track_id) == {0, 1}, "that box alone is too far off"
