@@ -149,3 +149,11 @@ def test_a_track_does_not_correct_another() -> None:
     rows[2:, :2], rows[2:, 3] = [30.0, 30.0], 8.0
     found, _ = smoothed(rows, np.ones(4), np.array([0, 0, 1, 1]), np.array([0.0, 0.1, 0.0, 0.1]))
     np.testing.assert_allclose(found, rows, atol=1e-6)
+
+
+def test_boxes_in_no_track_are_no_track_together() -> None:
+    rows = np.tile(TRUE[0], (2, 1))
+    rows[1, :2], rows[1, 3] = [9.0, 9.0], 6.0
+    found, sure = smoothed(rows, np.array([0.8, 0.4]), np.array([-1, -1]), np.array([0.0, 0.1]))
+    np.testing.assert_array_equal(found, rows)
+    np.testing.assert_allclose(sure, [0.4, 0.2])
