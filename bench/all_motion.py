@@ -33,7 +33,7 @@ MOVING = {
     **OFF,
     "mask": {"unseen_policy": '"keep"', "min_speed_mps": "1.0"},
     "propose": {"clustering.eps_m": "1.0", "clustering.scale_with_range": "false"},
-    "track": {"min_reach_m": "1.0", "min_follow": "0.5"},
+    "track": {"travel.required": "true"},
 }
 RUNS: dict[str, Mapping[str, Mapping[str, str]]] = {
     "as shipped": {},

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from command import ROOT, UPVL, fails, make_workspace, set_value, upvl
+from command import ENVIRONMENT, ROOT, UPVL, fails, make_workspace, set_value, upvl
 from tiny_kitti import write_drive
 from upvl_cli.commands.pipeline import PIPELINE
 from upvl_cli.pipeline.tables import Table, write
@@ -273,7 +273,7 @@ def test_runs_at_once_and_workers_share_the_work_and_make_the_same_bytes(
     folder = make_workspace(tmp_path)
     runs = [
         subprocess.Popen([UPVL, "autolabel", "--moving-only", "--workers", workers], cwd=folder,
-                         stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+                         env=ENVIRONMENT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
         for workers in ("1", "2")
     ]  # fmt: skip
     assert [run.wait(timeout=300) for run in runs] == [0, 0]

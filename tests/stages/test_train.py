@@ -128,7 +128,7 @@ def test_detections_have_tracks_features_and_scores(trained: Path) -> None:
 
 def test_each_frame_can_speak_for_itself(trained: Path, tmp_path: Path) -> None:
     folder = copied(trained, tmp_path)
-    set_value(folder, "detect", "refine", "false")
+    set_value(folder, "detect", "enabled", "false")
     assert upvl(folder, "detect").returncode == 0
     rows = list(table(folder, "detect"))
     assert all((np.diff(row.score) <= 0).all() for row in rows)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from upvl_cli.geometry.se3 import inverse
+from upvl_cli.geometry.se3 import compose, inverse
 from upvl_cli.types import Array
 
 
@@ -22,9 +22,9 @@ def pose_at(times_ns: Sequence[int], poses: Array, time_ns: int) -> Array:
     if len(poses) < 2:
         return np.asarray(poses[0])
     first = int(np.clip(np.searchsorted(times_ns, time_ns) - 1, 0, len(poses) - 2))
-    step = inverse(poses[first]) @ poses[first + 1]
+    step = compose(inverse(poses[first]), poses[first + 1])
     part = (time_ns - times_ns[first]) / (times_ns[first + 1] - times_ns[first])
     moved = np.eye(4)
     moved[:3, :3] = Rotation.from_rotvec(part * Rotation.from_matrix(step[:3, :3]).as_rotvec()).as_matrix()
     moved[:3, 3] = part * step[:3, 3]
-    return np.asarray(poses[first] @ moved)
+    return compose(poses[first], moved)

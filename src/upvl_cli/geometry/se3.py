@@ -1,9 +1,13 @@
-"""Rigid transforms as 4 x 4 matrices, named `dst_from_src`: they take coordinates of src to dst."""
+"""Rigid transforms as 4 x 4 matrices, named `dst_from_src`: they take coordinates of src to dst.
+
+No product goes through BLAS, whose last digit depends on the processor: see `geometry.small_matrices`.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
+from upvl_cli.geometry.small_matrices import product
 from upvl_cli.types import Array
 
 
@@ -17,7 +21,7 @@ def inverse(a_from_b: Array) -> Array:
     rotation = np.swapaxes(a_from_b[..., :3, :3], -1, -2)
     b_from_a = np.zeros_like(a_from_b)
     b_from_a[..., :3, :3] = rotation
-    b_from_a[..., :3, 3] = -(rotation @ a_from_b[..., :3, 3:])[..., 0]
+    b_from_a[..., :3, 3] = -product(rotation, a_from_b[..., :3, 3:])[..., 0]
     b_from_a[..., 3, 3] = 1.0
     return b_from_a
 
@@ -30,8 +34,33 @@ def apply(dst_from_src: Array, xyz: Array) -> Array:
         xyz: (..., n, 3) points in the axes of src, in metres.
     """
     dst_from_src = np.asarray(dst_from_src, dtype=np.float64)
-    rotation = np.swapaxes(dst_from_src[..., :3, :3], -1, -2)
-    return np.asarray(xyz, dtype=np.float64) @ rotation + dst_from_src[..., None, :3, 3]
+    return rotate(dst_from_src, xyz) + dst_from_src[..., None, :3, 3]
+
+
+def rotate(dst_from_src: Array, vectors: Array) -> Array:
+    """Return the vectors along the axes of dst, float64: a transform without its translation.
+
+    Args:
+        dst_from_src: (..., 4, 4) rigid transforms.
+        vectors: (..., n, 3) vectors along the axes of src.
+    """
+    matrix, vectors = np.asarray(dst_from_src, dtype=np.float64), np.asarray(vectors, dtype=np.float64)
+    x, y, z = (vectors[..., axis] for axis in range(3))
+    columns = [
+        x * matrix[..., row, 0, None] + y * matrix[..., row, 1, None] + z * matrix[..., row, 2, None]
+        for row in range(3)
+    ]
+    return np.stack(columns, axis=-1)
+
+
+def compose(a_from_b: Array, b_from_c: Array) -> Array:
+    """Return `a_from_c`, which applies `b_from_c` first.
+
+    Args:
+        a_from_b: (..., 4, 4) rigid transforms.
+        b_from_c: (..., 4, 4) rigid transforms.
+    """
+    return product(np.asarray(a_from_b, dtype=np.float64), np.asarray(b_from_c, dtype=np.float64))
 
 
 def from_yaw(yaw_rad: Array | float, translation_m: Array) -> Array:

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from upvl_cli.config.base import Config, setting
+from upvl_cli.config.base import Config, setting, table
+from upvl_cli.perception.tracking.config import SmoothingConfig, TrackerConfig
 from upvl_cli.pipeline.stage import Stage
 from upvl_cli.stages.rows import GroundRow, ObjectRow, OdometryRow, PcaRow, TrainRow
 
@@ -23,20 +24,8 @@ class DetectConfig(Config):
     min_score: float = setting("boxes below are dropped", ge=0, le=1)
     max_boxes: int = setting("most boxes of a frame", ge=1, le=10_000)
     nms_iou: float = setting("of two boxes that overlap more, seen from above, the worse goes", ge=0, le=1)
-    agility_m2ps3: float = setting(
-        "how strongly objects accelerate, as a spectral density", "m^2/s^3", ge=0.001, le=10_000
-    )
-    position_noise_m: float = setting("standard deviation of a box's centre", "m", ge=0.001, le=100)
-    velocity_noise_mps: float = setting(
-        "standard deviation of velocities: boxes come without, and start from 0", "m/s", ge=0.001, le=200
-    )
-    gate: float = setting("standard deviations within which a box can be the track's", ge=0.1, le=100)
-    max_coast_s: float = setting("a track ends when it has had no box for longer", "s", ge=0, le=3600)
-    max_gap_s: float = setting("tracks this far apart in time can be one object", "s", ge=0, le=3600)
-    min_boxes: int = setting("a track with fewer boxes is none", ge=1, le=10**6)
-    refine: bool = setting(
-        "correct each box by those of its track before and after: size, place, heading, score"
-    )
+    tracker: TrackerConfig = table("how boxes of different frames are associated to tracks")
+    smoothing: SmoothingConfig = table("how the boxes of a track correct each other")
 
 
 def run(inputs: Inputs, config: DetectConfig) -> Iterator[ObjectRow]:
@@ -137,51 +126,34 @@ class _Tracked(NamedTuple):
 
 
 def _tracked(inputs: Inputs, config: DetectConfig, found: list[Found]) -> _Tracked:
-    from dataclasses import asdict
-
     import numpy as np
 
     from upvl_cli.geometry.boxes import transform
     from upvl_cli.geometry.se3 import inverse
-    from upvl_cli.perception.tracking.refinement import refined
+    from upvl_cli.perception.tracking.smoothing import smooth_tracks
     from upvl_cli.perception.tracking.track import track
+    from upvl_cli.types import Boxes, concat
 
     poses = list(inputs.table("odometry", OdometryRow))
     counts = [len(boxes.seven) for boxes in found]
     step = np.repeat(np.arange(len(found)), counts)
     pairs = list(zip(found, poses, strict=True))
-    world = np.concatenate(
-        [*(transform(of.seven, pose.world_from_ego) for of, pose in pairs), np.zeros((0, 7))]
-    )
+    world = concat([transform(Boxes.from_rows(of.seven), pose.world_from_ego) for of, pose in pairs], Boxes)
     time_s = np.array([(pose.time_ns - poses[0].time_ns) * 1e-9 for pose in poses])
-    values = asdict(config)
-    tracks = track(
-        step,
-        world,
-        np.zeros((len(step), 3)),
-        time_s,
-        **{
-            name: values[name]
-            for name in values
-            if name not in ("min_score", "max_boxes", "nms_iou", "refine")
-        },
-        # What stands still is kept.
-        min_reach_m=0.0,
-        min_follow=-np.inf,
-    )
+    tracks = track(step, world, np.zeros((len(step), 3)), time_s, config.tracker)
     velocity_mps, track_id = np.zeros((len(step), 3)), np.full(len(step), -1)
     own = tracks.box >= 0
     turn = np.array([pose.world_from_ego[:3, :3] for pose in poses])
     box = tracks.box[own]
     velocity_mps[box] = np.einsum("ni,nij->nj", tracks.velocity_mps[own], turn[tracks.frame[own]])
-    track_id[box] = tracks.track[own]
+    track_id[box] = tracks.track_id[own]
     score = np.concatenate([*(of.score for of in found), np.zeros(0)]).astype(np.float64)
-    if not config.refine:
+    if not config.smoothing.enabled:
         seven = np.concatenate([*(of.seven for of in found), np.zeros((0, 7))])
         return _Tracked(seven, velocity_mps, score, track_id)
-    better, sure = refined(world, score, track_id, time_s[step])
+    better, sure = smooth_tracks(world, score, track_id, time_s[step], config.smoothing)
     ego = [transform(better[step == n], inverse(pose.world_from_ego)) for n, pose in enumerate(poses)]
-    return _Tracked(np.concatenate([*ego, np.zeros((0, 7))]), velocity_mps, sure, track_id)
+    return _Tracked(concat(ego, Boxes).to_rows(), velocity_mps, sure, track_id)
 
 
 STAGE = Stage(

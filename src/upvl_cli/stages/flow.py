@@ -65,7 +65,7 @@ def run(inputs: Inputs, config: FlowConfig) -> Iterator[FlowRow]:
 
 def _pairs(inputs: Inputs) -> Iterator[SweepPair]:
     """Pair each sweep with the next one, and the last with the one before: backward in time, dt is negative."""
-    from upvl_cli.geometry.se3 import apply, inverse
+    from upvl_cli.geometry.se3 import apply, compose, inverse
     from upvl_cli.runtime.parallel import in_order
 
     poses, ground = list(inputs.table("odometry", OdometryRow)), inputs.table("ground", GroundRow)
@@ -83,7 +83,7 @@ def _pairs(inputs: Inputs) -> Iterator[SweepPair]:
         paired = max(step - 1, 0) if is_last else step + 1
         after = before if is_last else next(sweeps)
         (xyz_ego_m, is_above), (other_xyz_m, other_is_above) = here, after
-        ego_from_other = inverse(pose.world_from_ego) @ poses[paired].world_from_ego
+        ego_from_other = compose(inverse(pose.world_from_ego), poses[paired].world_from_ego)
         yield SweepPair(
             xyz_ego_m,
             is_above,

@@ -2,29 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from upvl_cli.config.toml import load
 from upvl_cli.geometry.boxes import corners_bev
 from upvl_cli.geometry.iou import iou_3d
 from upvl_cli.geometry.se3 import wrap_angle
-from upvl_cli.perception.amodal.fit import Sightings, amodal
+from upvl_cli.perception.amodal.fit import fit_amodal_boxes
+from upvl_cli.perception.amodal.sightings import Sightings
 from upvl_cli.perception.box_fit import tight_box
-from upvl_cli.types import Array
+from upvl_cli.stages.amodal import AmodalConfig
+from upvl_cli.types import Array, Boxes
 
-SETTINGS = {
-    "moving_mps": 1.0,
-    "foot_m": 0.3,
-    "min_points": 8,
-    "radius_m": 0.2,
-    "iterations": 30,
-    "min_inlier_share": 0.5,
-    "edge_share": 0.1,
-    "min_aspect": 2.0,
-}
+CONFIG = load(AmodalConfig, Path(__file__).parents[3] / "stages" / "amodal.toml")
 CAR_LWH_M = np.array([4.4, 1.9, 1.5])
+
+
+def fitted(seen: Sightings, config: AmodalConfig = CONFIG) -> np.ndarray:
+    """The (T, 7) rows of the boxes."""
+    return fit_amodal_boxes(seen, config).to_rows()
+
+
+def tight_boxes(clouds: Sequence[np.ndarray], heading_rad: float) -> Boxes:
+    """The tight box of each cloud."""
+    return concat([tight_box(cloud, heading_rad, trim=0.0) for cloud in clouds], Boxes)
 
 
 def face_points(seven: np.ndarray, sensor_xy_m: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -49,7 +55,7 @@ def drive_past(heading_rad: float, frames: int = 12) -> tuple[Sightings, np.ndar
     truth = np.array([[*(5.0 * aside + 8 * t * way), 0.75, *CAR_LWH_M, heading_rad] for t in time_s])
     sensor = truth[:, :2] + (16 - 6 * time_s[:, None]) * way - 5.0 * aside
     clouds = [face_points(box, eye, rng) for box, eye in zip(truth, sensor, strict=True)]
-    seen = np.concatenate([tight_box(cloud, heading_rad, trim=0.0).to_rows() for cloud in clouds])
+    seen = tight_boxes(clouds, heading_rad)
     velocity = np.tile([*(8 * way), 0.0], (frames, 1))
     heights = [cloud[:, 2] for cloud in clouds]
     return Sightings(clouds, heights, seen, velocity, sensor, np.zeros(frames)), truth
@@ -58,7 +64,7 @@ def drive_past(heading_rad: float, frames: int = 12) -> tuple[Sightings, np.ndar
 @pytest.mark.parametrize("heading_rad", [0.0, 0.6, 2.0, -2.8])
 def test_a_passing_car_is_found_whole(heading_rad: float) -> None:
     seen, truth = drive_past(heading_rad)
-    boxes = amodal(seen, **SETTINGS)
+    boxes = fitted(seen)
     np.testing.assert_allclose(boxes[:, 3:6], np.tile(CAR_LWH_M, (len(boxes), 1)), rtol=0.1)
     assert len(np.unique(boxes[:, 3:6].round(9), axis=0)) == 1, "one size a track"
     assert np.linalg.norm(boxes[:, :2] - truth[:, :2], axis=1).max() < 0.25
@@ -67,7 +73,7 @@ def test_a_passing_car_is_found_whole(heading_rad: float) -> None:
 
 def test_the_same_bytes_twice() -> None:
     seen, _ = drive_past(0.6)
-    assert amodal(seen, **SETTINGS).tobytes() == amodal(seen, **SETTINGS).tobytes()
+    assert fitted(seen).tobytes() == fitted(seen).tobytes()
 
 
 def test_frames_without_points_keep_the_size_and_follow_the_track() -> None:
@@ -75,15 +81,15 @@ def test_frames_without_points_keep_the_size_and_follow_the_track() -> None:
     clouds, heights = list(seen.xyz_m), list(seen.height_m)
     for gap in (4, 5):
         clouds[gap], heights[gap] = np.zeros((0, 3)), np.zeros(0)
-        seen.seven[gap, :2] = truth[gap, :2]
-    boxes = amodal(replace(seen, xyz_m=clouds, height_m=heights), **SETTINGS)
+        seen.boxes.center_m[gap, :2] = truth[gap, :2]
+    boxes = fitted(replace(seen, xyz_m=clouds, height_m=heights))
     assert np.isfinite(boxes).all()
     assert np.linalg.norm(boxes[[4, 5], :2] - truth[[4, 5], :2], axis=1).max() < 1.0
 
 
 def test_a_track_of_one_frame() -> None:
     seen, truth = drive_past(0.0, frames=1)
-    boxes = amodal(seen, **SETTINGS)
+    boxes = fitted(seen)
     assert boxes.shape == (1, 7)
     assert np.linalg.norm(boxes[0, :2] - truth[0, :2]) < 1.5
 
@@ -96,7 +102,7 @@ def parked(
     truth = np.array([10.0, 5.0, lwh_m[2] / 2, *lwh_m, heading_rad])
     eye = np.tile(eye_xy_m, (6, 1)).astype(float)
     clouds = [face_points(truth, at, rng) for at in eye]
-    seen = np.concatenate([tight_box(cloud, 0.0, trim=0.0).to_rows() for cloud in clouds])
+    seen = tight_boxes(clouds, 0.0)
     heights = [cloud[:, 2] for cloud in clouds]
     return Sightings(clouds, heights, seen, np.zeros((6, 3)), eye, np.zeros(6)), truth
 
@@ -115,7 +121,7 @@ def test_what_is_parked_lies_along_its_long_side_or_behind_its_end(
     heading_rad: float, eye_xy_m: tuple[float, float]
 ) -> None:
     seen, truth = parked(heading_rad, eye_xy_m)
-    box = amodal(seen, **SETTINGS)[0]
+    box = fitted(seen)[0]
     assert abs(wrap_angle(2 * (box[6] - heading_rad))) < np.deg2rad(10), "along, either way"
     assert np.cos(box[6]) > -1e-9, "at an acute angle to the ego heading"
     assert iou_3d(box[None], truth[None])[0, 0] > 0.5
@@ -123,12 +129,12 @@ def test_what_is_parked_lies_along_its_long_side_or_behind_its_end(
 
 def test_of_a_person_one_side_is_seen() -> None:
     seen, truth = parked(0.0, (0.0, 5.0), np.array([0.8, 0.6, 1.7]))
-    assert iou_3d(amodal(seen, **SETTINGS)[:1], truth[None])[0, 0] > 0.5
+    assert iou_3d(fitted(seen)[:1], truth[None])[0, 0] > 0.5
 
 
 def test_a_child_is_slimmer_than_an_adult() -> None:
     seen, truth = parked(0.0, (10.0, -5.0), np.array([0.5, 0.4, 1.1]))
-    assert iou_3d(amodal(seen, **SETTINGS)[:1], truth[None])[0, 0] > 0.6
+    assert iou_3d(fitted(seen)[:1], truth[None])[0, 0] > 0.6
 
 
 def test_who_pushes_a_pram_is_not_the_end_of_a_car() -> None:
@@ -139,20 +145,20 @@ def test_who_pushes_a_pram_is_not_the_end_of_a_car() -> None:
         kept = (height < 1.1) | (ahead < -0.2)  # above the pram there is nothing
         clouds.append(cloud[kept])
         heights.append(height[kept])
-    boxes = np.concatenate([tight_box(cloud, 0.0, trim=0.0).to_rows() for cloud in clouds])
-    box = amodal(replace(seen, xyz_m=clouds, height_m=heights, seven=boxes), **SETTINGS)[0]
+    boxes = tight_boxes(clouds, 0.0)
+    box = fitted(replace(seen, xyz_m=clouds, height_m=heights, boxes=boxes))[0]
     assert abs(wrap_angle(2 * (box[6] - 0.3))) < np.deg2rad(20)
     assert iou_3d(box[None], truth[None])[0, 0] > 0.5
 
 
 def test_a_foot_that_is_hidden_for_a_while_is_still_on_the_ground() -> None:
     seen, truth = drive_past(0.0)
-    clouds, heights, boxes = list(seen.xyz_m), list(seen.height_m), seen.seven.copy()
+    clouds, heights = list(seen.xyz_m), list(seen.height_m)
     for at in (5, 6, 7):  # all but the roof is behind something
         high = clouds[at][:, 2] > 1.2
         clouds[at], heights[at] = clouds[at][high], heights[at][high]
-        boxes[at] = tight_box(clouds[at], 0.0, trim=0.0).to_rows()[0]
-    found = amodal(replace(seen, xyz_m=clouds, height_m=heights, seven=boxes), **SETTINGS)
+    boxes = tight_boxes(clouds, 0.0)
+    found = fitted(replace(seen, xyz_m=clouds, height_m=heights, boxes=boxes))
     np.testing.assert_allclose(found[:, 2], truth[:, 2], atol=0.1)
 
 
@@ -160,6 +166,6 @@ def test_a_foot_that_is_hidden_for_a_while_is_still_on_the_ground() -> None:
 def test_a_part_longer_or_wider_than_any_bicycle_belongs_to_a_car(seen_m: tuple[float, float]) -> None:
     part = np.array([*seen_m, 1.4])
     seen, _ = parked(0.0, (0.0, -5.0), part)
-    length, width, _ = amodal(seen, **SETTINGS)[0, 3:6]
+    length, width, _ = fitted(seen)[0, 3:6]
     assert length >= 3.8
     assert 1.6 <= width < 2.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
+from upvl_cli.geometry.small_matrices import solve_positive_definite
 from upvl_cli.perception.flow.config import FlowIcpConfig
 from upvl_cli.perception.flow.groups import Poses, apply_poses, rotate_about_z
 from upvl_cli.perception.flow.surface import Surface
@@ -64,7 +65,7 @@ def _step(
     solved = np.flatnonzero(count >= config.min_pairs)
     system = system[solved]
     ridge = RIDGE * np.trace(system[:, :, :4], axis1=1, axis2=2)[:, None, None] * np.eye(4)
-    step = np.linalg.solve(system[:, :, :4] + ridge, system[:, :, 4:])[..., 0]
+    step = solve_positive_definite(system[:, :, :4] + ridge, system[:, :, 4:])[..., 0]
     return solved, step[:, 0], step[:, 1:]
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from upvl_cli.geometry.se3 import apply, from_yaw, yaw_of
+from upvl_cli.geometry.se3 import apply, compose, from_yaw, rotate, yaw_of
 from upvl_cli.perception.registration.config import RegistrationConfig, YawIcpConfig
 from upvl_cli.types import Floats
 
@@ -77,7 +77,8 @@ def _starts(guesses: Sequence[Floats], extent_m: Floats, offsets: tuple[float, .
     for along in offsets:
         for across in offsets:
             if along or across:
-                yield from_yaw(0.0, np.array([along, across, 0.0]) * [*extent_m, 0.0]) @ guesses[0]
+                shift = from_yaw(0.0, np.array([along, across, 0.0]) * [*extent_m, 0.0])
+                yield compose(shift, guesses[0])
 
 
 def align_yaw(source_xyz_m: Floats, target_xyz_m: Floats, initial: Floats, config: YawIcpConfig) -> Alignment:
@@ -107,7 +108,7 @@ def align_yaw(source_xyz_m: Floats, target_xyz_m: Floats, initial: Floats, confi
         if paired.sum() < MIN_PAIRS:
             break
         step = fit_yaw(moved[paired], tree.data[nearest[paired]])
-        target_from_source = step @ target_from_source
+        target_from_source = compose(step, target_from_source)
         before, moved = moved, apply(target_from_source, source)
         if np.abs(moved - before).max() < config.tolerance_m:
             break
@@ -130,7 +131,7 @@ def fit_yaw(source_xyz_m: Floats, target_xyz_m: Floats) -> Floats:
     yaw = np.arctan2((x * v - y * u).sum(), (x * u + y * v).sum())
     fit = np.eye(4)
     fit[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
-    fit[:3, 3] = goal - fit[:3, :3] @ center
+    fit[:3, 3] = goal - rotate(fit, center[None])[0]
     return fit
 
 

@@ -1,4 +1,4 @@
-"""One-to-one matching at the least total cost."""
+"""One-to-one assignment at the least total cost."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from upvl_cli.types import Array, Ints
 
 
 def assign(cost: Array) -> tuple[Ints, Ints]:
-    """Match rows to columns: as many pairs as are allowed, and of those matchings the cheapest.
+    """Return the assignment of rows to columns with the most pairs, and of those the one of the least total cost.
+
+    The Hungarian algorithm (Kuhn, 1955), with forbidden pairs.
 
     Args:
         cost: (n, m) cost of each pair, not negative; infinite where the pair is not allowed.
@@ -23,5 +25,5 @@ def assign(cost: Array) -> tuple[Ints, Ints]:
     # One forbidden pair costs more than all allowed ones together.
     forbidden = 1.0 + cost[allowed].max() * (min(cost.shape) + 1)
     rows, columns = linear_sum_assignment(np.where(allowed, cost, forbidden))
-    kept = allowed[rows, columns]
-    return rows[kept], columns[kept]
+    is_pair = allowed[rows, columns]
+    return rows[is_pair], columns[is_pair]

@@ -1,209 +1,216 @@
-"""Tracks of moving objects through one segment, from the boxes of its sweeps."""
+"""Tracks of objects through one segment, from the boxes of its sweeps."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from filterpy.kalman import predict, update
 
 from upvl_cli.perception.tracking.assignment import assign
-from upvl_cli.perception.tracking.motion_model import MotionModel, squared_distance
-from upvl_cli.types import Array, Floats, Ints
+from upvl_cli.perception.tracking.config import TrackerConfig, TravelConfig
+from upvl_cli.perception.tracking.motion_model import MotionModel, squared_distance, update
+from upvl_cli.types import Array, Boxes, Floats, Ints, concat
 
-NONE = -1
+COASTING = -1  # box of a track in a frame where it has none
 
 
 @dataclass(frozen=True)
 class Tracks:
-    """Tracked boxes in world axes, one row a track and frame, sorted by track and then frame.
+    """Tracked boxes in world axes, one a track and frame, sorted by track and then frame.
 
     Attributes:
-        track: (n,) number of the track, from 0 on in the order of first sight.
+        track_id: (n,) number of the track, from 0 on in the order of its first box.
         frame: (n,) number of the frame.
-        box: (n,) row of the box among those that were tracked; -1 where the track only coasts.
-        seven: (n, 7) the box; where coasting the typical size at the expected place.
-        velocity_mps: (n, 3) velocity from the whole track; z as measured.
+        box: (n,) row of the box among those that were tracked; -1 where the track coasts.
+        boxes: n boxes; where coasting, of the track's median length and width at the filter's position.
+        velocity_mps: (n, 3) velocity by the smoother; z as measured.
         dropped: How many tracks were left out, by reason.
     """
 
-    track: Ints
+    track_id: Ints
     frame: Ints
     box: Ints
-    seven: Array
+    boxes: Boxes
     velocity_mps: Array
-    dropped: dict[str, int]
+    dropped: Mapping[str, int]
+
+
+@dataclass(frozen=True)
+class _Measurements:
+    """The boxes of a segment in world axes, as the filter takes them.
+
+    Attributes:
+        frame: (n,) number of the frame of each, ascending.
+        boxes: n boxes.
+        velocity_mps: (n, 3) velocities.
+        state: (n, 4) x, y, vx, vy.
+        noise: (n, 4, 4) covariance of each state.
+        time_s: (T,) ascending time of each frame.
+    """
+
+    frame: Ints
+    boxes: Boxes
+    velocity_mps: Floats
+    state: Floats
+    noise: Floats
+    time_s: Floats
+
+    def time_of(self, row: Ints | int) -> Array:
+        """Return the times of some of the boxes."""
+        return np.asarray(self.time_s[self.frame[row]])
 
 
 @dataclass
-class _Alive:
+class _OpenTrack:
     """A track while the frames go by: its boxes, and the filter's state at the last of them."""
 
     state: Array
-    spread: Array
+    covariance: Array
     rows: list[int]
     time_s: float
 
 
-def track(
-    frame: Ints,
-    seven: Floats,
-    velocity_mps: Floats,
-    time_s: Floats,
-    *,
-    agility_m2ps3: float,
-    position_noise_m: float,
-    velocity_noise_mps: float,
-    gate: float,
-    max_coast_s: float,
-    max_gap_s: float,
-    min_boxes: int,
-    min_reach_m: float,
-    min_follow: float,
-) -> Tracks:
-    """Join the boxes of all frames to tracks, forget those that go nowhere, and fill their gaps.
+def track(frame: Ints, boxes: Boxes, velocity_mps: Floats, time_s: Floats, config: TrackerConfig) -> Tracks:
+    """Associate the boxes of all frames to tracks, join the fragments of a track, and fill its gaps.
+
+    UP-VL, Algorithm 1, line 7, names the step; the tracker is AB3DMOT's (Weng et al., 2020): a Kalman filter, a
+    gate and the Hungarian algorithm, here on centers and velocities, with a smoother after it.
 
     Args:
         frame: (n,) number of the frame of each box, ascending.
-        seven: (n, 7) boxes in world axes.
+        boxes: n boxes in world axes.
         velocity_mps: (n, 3) their velocities in world axes.
         time_s: (T,) ascending time of each frame.
-        agility_m2ps3: Spectral density of the acceleration: a velocity wanders by the root of this times the time.
-        position_noise_m: Standard deviation of the centre of a small box.
-        velocity_noise_mps: Standard deviation of a box's velocity.
-        gate: Standard deviations (position and velocity together) within which a box can be the track's.
-        max_coast_s: A track ends when it has had no box for longer than this.
-        max_gap_s: The end of one track and the start of another this much later can be one object.
-        min_boxes: A track with fewer boxes is dropped.
-        min_reach_m: A track is dropped whose velocities never take it further than this.
-        min_follow: So is one whose boxes move on by less than this share of what the velocities claim:
-            1 is perfect, 0 stands still. Both 0 (and less) keep what stands still, for every motion state.
+        config: Settings.
     """
-    model = MotionModel(agility_m2ps3, position_noise_m, velocity_noise_mps)
-    measured = np.hstack([seven[:, :2], velocity_mps[:, :2]])
-    noise = model.noise(seven)
-    chains = _follow(model, frame, measured, noise, time_s, gate**2, max_coast_s)
-    fits = [_fit(model, rows, frame, measured, noise, time_s) for rows in chains]
-    chains = _join(model, chains, fits, frame, time_s, gate**2, max_gap_s)
+    model = MotionModel(config)
+    state = np.hstack([boxes.center_m[:, :2], velocity_mps[:, :2]])
+    measured = _Measurements(frame, boxes, velocity_mps, state, model.noise(boxes), time_s)
+    fragments = _associate(model, measured, config)
     dropped = {"too few boxes": 0, "goes nowhere": 0}
-    rows_of_tracks = []
-    for rows in chains:
-        if len(rows) < min_boxes:
+    found = []
+    for rows in _join_fragments(model, measured, fragments, config):
+        if len(rows) < config.min_boxes:
             dropped["too few boxes"] += 1
-        elif not _gets_away(measured[rows], time_s[frame[rows]], min_reach_m, min_follow):
+        elif config.travel.required and not travels(state[rows], measured.time_of(rows), config.travel):
             dropped["goes nowhere"] += 1
         else:
-            rows_of_tracks.append(rows)
-    pieces = [
-        _rows(number, rows, frame, seven, velocity_mps, _fit(model, rows, frame, measured, noise, time_s)[0])
-        for number, rows in enumerate(rows_of_tracks)
-    ]
+            found.append(rows)
+    pieces = [_filled_track(model, measured, rows, number) for number, rows in enumerate(found)]
     return _stack(pieces, dropped)
 
 
-def _follow(
-    model: MotionModel,
-    frame: Ints,
-    measured: Array,
-    noise: Array,
-    time_s: Floats,
-    gate: float,
-    max_coast_s: float,
+def _associate(model: MotionModel, measured: _Measurements, config: TrackerConfig) -> list[Ints]:
+    """Return the boxes of each track by one pass through time, in the order of their first boxes."""
+    tracks: list[_OpenTrack] = []
+    for frame in np.unique(measured.frame):
+        rows, time_s = np.flatnonzero(measured.frame == frame), float(measured.time_s[frame])
+        active = [item for item in tracks if time_s - item.time_s <= config.max_coast_s]
+        state, covariance = model.predict(
+            np.array([item.state for item in active]).reshape(-1, 4),
+            np.array([item.covariance for item in active]).reshape(-1, 4, 4),
+            time_s - np.array([item.time_s for item in active]),
+        )
+        offset = measured.state[rows] - state[:, None]
+        cost = squared_distance(offset, covariance[:, None] + measured.noise[rows])
+        pairs = assign(np.where(cost <= config.gate_sigma**2, cost, np.inf))
+        for place, column in zip(*pairs, strict=True):
+            item, row = active[place], rows[column]
+            item.state, item.covariance = update(
+                state[place], covariance[place], measured.state[row], measured.noise[row]
+            )
+            item.rows.append(int(row))
+            item.time_s = time_s
+        for row in np.delete(rows, pairs[1]):
+            tracks.append(_OpenTrack(measured.state[row], measured.noise[row], [int(row)], time_s))
+    return [np.array(item.rows) for item in tracks]
+
+
+def _smooth(model: MotionModel, measured: _Measurements, rows: Ints) -> tuple[Array, Array]:
+    """Return the states and covariances of one track in all frames from its first to its last."""
+    frame = measured.frame[rows]
+    first, last = frame[0], frame[-1]
+    state, noise = np.full((last - first + 1, 4), np.nan), np.zeros((last - first + 1, 4, 4))
+    state[frame - first], noise[frame - first] = measured.state[rows], measured.noise[rows]
+    return model.filter(measured.time_s[first : last + 1], state, noise)
+
+
+def _join_fragments(
+    model: MotionModel, measured: _Measurements, fragments: Sequence[Ints], config: TrackerConfig
 ) -> list[Ints]:
-    """The boxes of each track by one pass through time, in order of first box."""
-    tracks: list[_Alive] = []
-    for now in np.unique(frame):
-        rows = np.flatnonzero(frame == now)
-        alive = [one for one in tracks if time_s[now] - one.time_s <= max_coast_s]
-        expected = [
-            predict(one.state, one.spread, *model.transition(time_s[now] - one.time_s)) for one in alive
-        ]
-        states = np.array([state for state, _ in expected]).reshape(-1, 4)
-        spreads = np.array([spread for _, spread in expected]).reshape(-1, 4, 4)
-        cost = squared_distance(measured[rows] - states[:, None], spreads[:, None] + noise[rows])
-        old, new = assign(np.where(cost <= gate, cost, np.inf))
-        for i, row in zip(old, rows[new], strict=True):
-            one = alive[i]
-            one.state, one.spread = update(*expected[i], measured[row], noise[row], np.eye(4))
-            one.rows.append(int(row))
-            one.time_s = float(time_s[now])
-        for row in np.delete(rows, new):
-            tracks.append(_Alive(measured[row], noise[row], [int(row)], float(time_s[now])))
-    return [np.array(one.rows) for one in tracks]
-
-
-def _fit(
-    model: MotionModel, rows: Ints, frame: Ints, measured: Array, noise: Array, time_s: Floats
-) -> tuple[Array, Array]:
-    """States and covariances of one track in all frames from its first to its last."""
-    at = frame[rows] - frame[rows[0]]
-    seen = np.full((at[-1] + 1, 4), np.nan)
-    blur = np.zeros((at[-1] + 1, 4, 4))
-    seen[at], blur[at] = measured[rows], noise[rows]
-    return model.filter(time_s[frame[rows[0]] : frame[rows[-1]] + 1], seen, blur)
-
-
-def _join(
-    model: MotionModel,
-    chains: list[Ints],
-    fits: list[tuple[Array, Array]],
-    frame: Ints,
-    time_s: Floats,
-    gate: float,
-    max_gap_s: float,
-) -> list[Ints]:
-    """Tracks whose end foretells the start of another are one."""
-    cost = np.full((len(chains), len(chains)), np.inf)
-    starts_s = np.array([time_s[frame[rows[0]]] for rows in chains])
-    for i, (rows, (states, spreads)) in enumerate(zip(chains, fits, strict=True)):
-        gap_s = starts_s - time_s[frame[rows[-1]]]
-        for j in np.flatnonzero((gap_s > 0) & (gap_s <= max_gap_s)):
-            state, spread = predict(states[-1], spreads[-1], *model.transition(gap_s[j]))
-            cost[i, j] = squared_distance(fits[j][0][0] - state, fits[j][1][0] + spread)
-    follower = dict(zip(*assign(np.where(cost <= gate, cost, np.inf)), strict=True))
-    joined = []
-    for first in sorted(set(range(len(chains))) - set(follower.values())):
+    """Return the boxes of each track where a fragment that begins within the gate of another's end belongs to it."""
+    fits = [_smooth(model, measured, rows) for rows in fragments]
+    cost = np.full((len(fragments), len(fragments)), np.inf)
+    starts_s = np.array([measured.time_of(rows[0]) for rows in fragments])
+    for i, (rows, (states, covariances)) in enumerate(zip(fragments, fits, strict=True)):
+        gap_s = starts_s - measured.time_of(rows[-1])
+        for j in np.flatnonzero((gap_s > 0) & (gap_s <= config.max_gap_s)):
+            state, covariance = model.predict(states[-1], covariances[-1], gap_s[j])
+            cost[i, j] = squared_distance(fits[j][0][0] - state, fits[j][1][0] + covariance)
+    successor = dict(zip(*assign(np.where(cost <= config.gate_sigma**2, cost, np.inf)), strict=True))
+    tracks = []
+    for first in sorted(set(range(len(fragments))) - set(successor.values())):
         links = [first]
-        while links[-1] in follower:
-            links.append(follower[links[-1]])
-        joined.append(np.concatenate([chains[link] for link in links]))
-    return joined
+        while links[-1] in successor:
+            links.append(successor[links[-1]])
+        tracks.append(np.concatenate([fragments[link] for link in links]))
+    return tracks
 
 
-def _gets_away(measured: Array, time_s: Floats, min_reach_m: float, min_follow: float) -> bool:
-    """Whether the velocities of a track take it somewhere, and its boxes follow them there."""
-    steps = np.diff(time_s)[:, None] * (measured[1:, 2:] + measured[:-1, 2:]) / 2
-    claimed = np.vstack([np.zeros(2), steps.cumsum(axis=0)])
-    reach = np.linalg.norm(claimed - claimed[0], axis=1).max()
-    claimed = claimed - claimed.mean(axis=0)
-    shown = measured[:, :2] - measured[:, :2].mean(axis=0)
-    # Slope of the least squares line of the places over the claimed ones: 1 for any path truly taken.
-    follow = (shown * claimed).sum() / max((claimed**2).sum(), np.finfo(float).tiny)
-    return bool(reach >= min_reach_m and follow >= min_follow)
+def travels(state: Floats, time_s: Floats, config: TravelConfig) -> bool:
+    """Return whether the velocities of a track take it somewhere, and its boxes follow them there.
+
+    Args:
+        state: (n, 4) x, y, vx, vy of its boxes.
+        time_s: (n,) ascending time of each.
+        config: Settings; `required` has no say here.
+    """
+    steps = np.diff(time_s)[:, None] * (state[1:, 2:] + state[:-1, 2:]) / 2  # trapezoidal rule
+    integrated = np.vstack([np.zeros(2), steps.cumsum(axis=0)])
+    distance_m = np.linalg.norm(integrated - integrated[0], axis=1).max()
+    integrated = integrated - integrated.mean(axis=0)
+    centers = state[:, :2] - state[:, :2].mean(axis=0)
+    # Of the least squares line of the centers over the integrated velocity: 1 for any path truly taken.
+    slope = (centers * integrated).sum() / max((integrated**2).sum(), np.finfo(float).tiny)
+    return bool(distance_m >= config.min_distance_m and slope >= config.min_path_slope)
 
 
-def _rows(
-    number: int, rows: Ints, frame: Ints, seven: Floats, velocity_mps: Floats, states: Array
-) -> tuple[Array, ...]:
-    """One track as columns: frame, box, seven, velocity; its gaps filled."""
-    frames = np.arange(frame[rows[0]], frame[rows[-1]] + 1)
-    at = frame[rows] - frame[rows[0]]
-    box = np.full(len(frames), NONE, dtype=np.int64)
-    box[at] = rows
-    filled = np.empty((len(frames), 7))
-    filled[:, :2] = states[:, :2]
-    for column in (2, 5):
-        filled[:, column] = np.interp(frames, frame[rows], seven[rows, column])
-    filled[:, 3:5] = np.median(seven[rows, 3:5], axis=0)
-    filled[:, 6] = np.arctan2(states[:, 3], states[:, 2])
-    filled[at] = seven[rows]
-    vertical = np.interp(frames, frame[rows], velocity_mps[rows, 2])
-    return np.full(len(frames), number), frames, box, filled, np.column_stack([states[:, 2:], vertical])
+def _filled_track(
+    model: MotionModel, measured: _Measurements, rows: Ints, number: int
+) -> tuple[Array, Array, Array, Boxes, Array]:
+    """Return one track as columns: number, frame, box, boxes, velocity; its gaps filled."""
+    seen, boxes = measured.frame[rows], measured.boxes[rows]
+    frame = np.arange(seen[0], seen[-1] + 1)
+    states, _ = _smooth(model, measured, rows)
+    box = np.full(len(frame), COASTING, dtype=np.int64)
+    box[seen - seen[0]] = rows
+    vertical = [boxes.center_m[:, 2], boxes.size_lwh_m[:, 2], measured.velocity_mps[rows, 2]]
+    z_m, height_m, vertical_mps = (np.interp(frame, seen, values) for values in vertical)
+    center_m = np.column_stack([states[:, :2], z_m])
+    flat_m = np.tile(np.median(boxes.size_lwh_m[:, :2], axis=0), (len(frame), 1))
+    size_lwh_m = np.column_stack([flat_m, height_m])
+    heading_rad = np.arctan2(states[:, 3], states[:, 2])
+    for filled, known in (
+        (center_m, boxes.center_m),
+        (size_lwh_m, boxes.size_lwh_m),
+        (heading_rad, boxes.heading_rad),
+    ):
+        filled[seen - seen[0]] = known
+    velocity_mps = np.column_stack([states[:, 2:], vertical_mps])
+    return np.full(len(frame), number), frame, box, Boxes(center_m, size_lwh_m, heading_rad), velocity_mps
 
 
-def _stack(pieces: list[tuple[Array, ...]], dropped: dict[str, int]) -> Tracks:
-    empty = (np.zeros(0, int), np.zeros(0, int), np.zeros(0, int), np.zeros((0, 7)), np.zeros((0, 3)))
-    track, frame, box, seven, velocity = (
-        np.concatenate(column) for column in zip(empty, *pieces, strict=True)
+def _stack(pieces: Sequence[tuple[Array, Array, Array, Boxes, Array]], dropped: Mapping[str, int]) -> Tracks:
+    if not pieces:
+        none = np.zeros(0, dtype=np.int64)
+        return Tracks(none, none, none, concat([], Boxes), np.zeros((0, 3)), dropped)
+    number, frame, box, boxes, velocity_mps = zip(*pieces, strict=True)
+    return Tracks(
+        np.concatenate(number),
+        np.concatenate(frame),
+        np.concatenate(box),
+        concat(boxes, Boxes),
+        np.concatenate(velocity_mps),
+        dropped,
     )
-    return Tracks(track, frame, box, seven, velocity, dropped)

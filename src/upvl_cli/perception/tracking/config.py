@@ -1,0 +1,79 @@
+"""Settings of the tracker and of the smoothing of its boxes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from upvl_cli.config.base import Config, setting, table
+
+
+@dataclass(frozen=True)
+class TravelConfig(Config):
+    """Which tracks travel: their velocities take them somewhere, and their boxes follow."""
+
+    required: bool = setting("drop a track that does not travel, so that only moving objects are left")
+    min_distance_m: float = setting(
+        "a track travels when its integrated velocity leads at least this far from its first box",
+        "m",
+        ge=0,
+        le=10_000,
+    )
+    min_path_slope: float = setting(
+        "a track travels when the slope of its box centers over its integrated velocity, 1 for a path truly taken, "
+        "is at least this",
+        ge=-1,
+        le=1,
+    )
+
+
+@dataclass(frozen=True)
+class TrackerConfig(Config):
+    """How boxes of different frames are associated: a Kalman filter of nearly constant velocity, and its gate."""
+
+    acceleration_psd_m2ps3: float = setting(
+        "power spectral density of an object's acceleration, the process noise of the filter",
+        "m^2/s^3",
+        ge=0.001,
+        le=10_000,
+    )
+    position_noise_m: float = setting(
+        "standard deviation of the center of a measured box", "m", ge=0.001, le=100
+    )
+    center_noise_share: float = setting(
+        "further standard deviation of a center along each side of its box, as a share of that side",
+        ge=0,
+        le=10,
+    )
+    velocity_noise_mps: float = setting(
+        "standard deviation of the velocity of a measured box", "m/s", ge=0.001, le=200
+    )
+    gate_sigma: float = setting(
+        "largest Mahalanobis distance, in standard deviations, at which a box can be associated with a track",
+        ge=0.1,
+        le=100,
+    )
+    max_coast_s: float = setting("longest time for which a track goes on without a box", "s", ge=0, le=3600)
+    max_gap_s: float = setting(
+        "longest time between the end of a track and the start of another that are joined", "s", ge=0, le=3600
+    )
+    min_boxes: int = setting("fewest boxes of a track; one with fewer is dropped", ge=1, le=10**6)
+    travel: TravelConfig = table("which tracks are dropped because they stand still")
+
+
+@dataclass(frozen=True)
+class SmoothingConfig(Config):
+    """How the boxes of a track correct each other."""
+
+    enabled: bool = setting(
+        "correct size, center, heading and score of each box by the boxes of its track before and after it"
+    )
+    window_s: float = setting(
+        "standard deviation in time of the Gaussian weight that the other boxes of a track have",
+        "s",
+        gt=0,
+        le=3600,
+    )
+    min_weight_score: float = setting(
+        "lowest score that a box is weighted with, so that boxes of score 0 have a mean", gt=0, le=1
+    )
+    unconfirmed_score_factor: float = setting("factor on the score of a box that is in no track", ge=0, le=1)

@@ -1,0 +1,15 @@
+"""Settings of the tracker that its tests share."""
+
+from upvl_cli.perception.tracking.config import TrackerConfig, TravelConfig
+
+CONFIG = TrackerConfig(
+    acceleration_psd_m2ps3=2.0,
+    position_noise_m=0.2,
+    center_noise_share=0.1,
+    velocity_noise_mps=0.7,
+    gate_sigma=4.0,
+    max_coast_s=0.5,
+    max_gap_s=1.5,
+    min_boxes=4,
+    travel=TravelConfig(required=True, min_distance_m=1.0, min_path_slope=0.5),
+)
