@@ -1,99 +1,101 @@
-"""What a trained network finds in a frame."""
+"""Detection in one frame: boxes on the ground, and the features of the points inside of them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 
-from upvl_cli.detector.batch import FEATURE, Sample, collate
-from upvl_cli.detector.decode import detections
+from upvl_cli.detector.config import DecodeConfig, GroundingConfig
+from upvl_cli.detector.data.batch import FEATURE_DIM, TIME_DIM, Sample, collate
+from upvl_cli.detector.decode import Detections, decode_output
 from upvl_cli.detector.model import Detector
-from upvl_cli.detector.together import half_precision
+from upvl_cli.detector.process_group import half_precision
 from upvl_cli.geometry.boxes import pairs_inside
-from upvl_cli.types import Array, Floats, Ints
+from upvl_cli.types import Array, Boxes, Floats, Ints, Ragged
 
-_AROUND_M = 0.3  # ground so far beside a box is below it too
-_FEW = 3  # fewer places on the ground say nothing
-_ANY_HEIGHT_M = 1e3
+_COLUMN_HEIGHT_M = 1e3  # a column this high holds the ground below a box wherever the box is
 
 
 @dataclass(frozen=True)
-class Found:
-    """Boxes of a frame, by falling score.
+class FramePrediction:
+    """What the detector finds in a frame.
 
     Attributes:
-        seven: (m, 7) in ego axes.
-        score: (m,) 0 to 1.
-        points: (m,) points of this sweep inside of each.
-        of_box: (n,) place of the box that each of these points is in; empty without distillation, as is
-        feature: (n, 64) kept values of their features.
+        boxes: (m) boxes by falling score, in ego axes.
+        num_points: (m,) points of this sweep inside of each.
+        point_feature: Of each box the (., 64) float32 kept values of the features of these points; none without
+            distillation.
     """
 
-    seven: Floats
-    score: Floats
-    points: Ints
-    of_box: Ints
-    feature: Floats
+    boxes: Detections
+    num_points: Ints
+    point_feature: Ragged
+
+
+@dataclass(frozen=True)
+class FrameInput:
+    """What the detector is given of a frame.
+
+    Attributes:
+        points: (n, 6) from `TwoSweeps.points`.
+        ground_xyz_m: (k, 3) the ground below some points, in the axes of the points: boxes stand on it.
+        ground_z_m: Height of the road in ego axes, which the points are without.
+    """
+
+    points: Array
+    ground_xyz_m: Array
+    ground_z_m: float
 
 
 @torch.no_grad()
-def find(
-    detector: Detector,
-    points: Array,
-    floor_m: Array,
-    ground_z_m: float,
-    *,
-    min_score: float,
-    max_boxes: int,
-    nms_iou: float,
-) -> Found:
-    """Find boxes in two sweeps.
+def predict(
+    detector: Detector, frame: FrameInput, decoding: DecodeConfig, grounding: GroundingConfig
+) -> FramePrediction:
+    """Return the boxes in two sweeps.
 
     Args:
         detector: A trained network.
-        points: (n, 6) from `Route.points`.
-        floor_m: (k, 3) the ground below some points, in the axes of the points: boxes stand on it.
-        ground_z_m: Height of the road in ego axes, which the points are without.
-        min_score: Boxes below are left out.
-        max_boxes: No more than this, the best ones.
-        nms_iou: Of two boxes that overlap more, seen from above, the worse goes.
+        frame: Points and ground.
+        decoding: Which boxes are kept.
+        grounding: How boxes are put on the ground.
     """
     device = next(detector.parameters()).device
-    batch = collate([Sample.of_points(points)], detector.grid).to(device)
-    with half_precision(device, wanted=True):
+    batch = collate([Sample.from_points(frame.points)], detector.grid).to(device)
+    with half_precision(device, enabled=True):
         output = detector(batch)
-    (boxes,) = detections(detector, output, min_score=min_score, max_boxes=max_boxes, nms_iou=nms_iou)
-    stand = standing(boxes.seven, floor_m)
-    kept = batch.points.cpu().numpy()
-    now = np.flatnonzero(kept[:, 5] == 0)
-    of_box, inside = pairs_inside(kept[now, :3], stand, margin_m=0.0)
-    count = np.bincount(of_box, minlength=len(boxes.seven))
-    feature = np.zeros((0, FEATURE), dtype=np.float32)
-    if detector.tells is None:
-        of_box = of_box[:0]
+    (decoded,) = decode_output(detector, output, decoding)
+    boxes = put_on_ground(decoded, frame.ground_xyz_m, grounding)
+    points = batch.points.cpu().numpy()
+    current = np.flatnonzero(points[:, TIME_DIM] == 0)
+    of_box, inside = pairs_inside(points[current, :3], boxes, margin_m=0.0)
+    num_points = np.bincount(of_box, minlength=len(boxes))
+    if detector.distillation_head is None:
+        point_feature = Ragged(np.zeros((0, FEATURE_DIM), np.float32), np.zeros(len(boxes), np.int64))
     else:
-        rows = torch.from_numpy(now[inside]).to(device)
-        feature = detector.features(output, batch, rows).float().cpu().numpy()
-    seven = stand + ground_z_m * np.eye(7)[2]
-    return Found(seven, boxes.score, count, of_box, feature)
+        rows = torch.from_numpy(current[inside]).to(device)
+        values: Floats = detector.features(output, batch, rows).float().cpu().numpy()
+        point_feature = Ragged(values, num_points)  # pairs come by box
+    in_ego_axes = replace(decoded, center_m=boxes.center_m + [0.0, 0.0, frame.ground_z_m])
+    return FramePrediction(in_ego_axes, num_points, point_feature)
 
 
-def standing(seven: Floats, floor_m: Array) -> Floats:
-    """The boxes with their feet on the ground, where it is known below them.
+def put_on_ground(boxes: Boxes, ground_xyz_m: Array, config: GroundingConfig) -> Boxes:
+    """Return the boxes with their bottom on the ground, where it is known below them.
 
     A slope takes the road far from the height it has at the car, by more than a network tells from a few points.
 
     Args:
-        seven: (m, 7).
-        floor_m: (k, 3) places on the ground.
+        boxes: (m) boxes.
+        ground_xyz_m: (k, 3) points on the ground, in the axes of the boxes.
+        config: Which of the points are below a box, and how many are enough.
     """
-    column = seven.copy()
-    column[:, 2], column[:, 5] = 0.0, _ANY_HEIGHT_M
-    of_box, place = pairs_inside(floor_m, column, margin_m=_AROUND_M)
-    stand = seven.copy()
-    for box, below in enumerate(np.split(place, np.searchsorted(of_box, np.arange(1, len(seven))))):
-        if len(below) >= _FEW:
-            stand[box, 2] = np.median(floor_m[below, 2]) + seven[box, 5] / 2
-    return stand
+    center_m, height_m = boxes.center_m.copy(), boxes.size_lwh_m[:, 2]
+    column = Boxes(center_m * [1, 1, 0], boxes.size_lwh_m.copy(), boxes.heading_rad)
+    column.size_lwh_m[:, 2] = _COLUMN_HEIGHT_M
+    of_box, point = pairs_inside(ground_xyz_m, column, margin_m=config.margin_m)
+    for box, below in enumerate(np.split(point, np.searchsorted(of_box, np.arange(1, len(boxes))))):
+        if len(below) >= config.min_points:
+            center_m[box, 2] = np.median(ground_xyz_m[below, 2]) + height_m[box] / 2
+    return Boxes(center_m, boxes.size_lwh_m, boxes.heading_rad)

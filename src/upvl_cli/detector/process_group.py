@@ -1,4 +1,4 @@
-"""Several processes that learn together, as `torchrun` starts them; one process alone is the same of size 1."""
+"""Several processes that train together, as `torchrun` starts them; one process alone is a group of size 1."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from datetime import timedelta
 import torch
 from torch import Tensor, distributed
 
-_PATIENCE = timedelta(days=1)  # the first process may first read every sweep
+_TIMEOUT = timedelta(days=1)  # the first process may first read every sweep
 
 
 @dataclass(frozen=True)
-class Team:
-    """The processes.
+class ProcessGroup:
+    """The processes of a training.
 
     Attributes:
         rank: Number of this one.
@@ -28,7 +28,7 @@ class Team:
     size: int
     device: torch.device
 
-    def mean(self, values: Iterable[Tensor]) -> None:
+    def average(self, values: Iterable[Tensor]) -> None:
         """Replace tensors by their means over all processes."""
         tensors = list(values)
         if self.size > 1 and tensors:
@@ -39,29 +39,34 @@ class Team:
                 tensor.copy_(part.view_as(tensor))
 
     def wait(self) -> None:
-        """Go on when all processes are here."""
+        """Return when all processes have called this."""
         if self.size > 1:
             distributed.barrier()
 
 
-def half_precision(device: torch.device, *, wanted: bool) -> torch.autocast:
-    """Convolutions in bfloat16 where the device has units for it: several times as quick on CUDA and with AMX."""
-    quick = device.type == "cuda" or torch.cpu.get_capabilities().get("amx_bf16", False)
-    return torch.autocast(device.type, torch.bfloat16, enabled=wanted and quick)
+def half_precision(device: torch.device, *, enabled: bool) -> torch.autocast:
+    """Return a context that convolves in bfloat16 where the device has units for it, as CUDA and AMX do.
+
+    Args:
+        device: Where the network computes.
+        enabled: Whether bfloat16 is allowed at all.
+    """
+    has_units = device.type == "cuda" or torch.cpu.get_capabilities().get("amx_bf16", False)
+    return torch.autocast(device.type, torch.bfloat16, enabled=enabled and has_units)
 
 
 @contextmanager
-def team() -> Iterator[Team]:
-    """The processes that `torchrun` started with this one, ready to talk; this one alone without it."""
+def process_group() -> Iterator[ProcessGroup]:
+    """Yield the processes that `torchrun` started with this one, connected; this one alone without it."""
     size, rank = int(os.environ.get("WORLD_SIZE", "1")), int(os.environ.get("RANK", "0"))
-    place = int(os.environ.get("LOCAL_RANK", "0"))
-    device = torch.device("cuda", place) if torch.cuda.is_available() else torch.device("cpu")
+    local_rank = int(os.environ.get("LOCAL_RANK", "0"))
+    device = torch.device("cuda", local_rank) if torch.cuda.is_available() else torch.device("cpu")
     if size > 1:
         if device.type == "cuda":
             torch.cuda.set_device(device)
-        distributed.init_process_group("nccl" if device.type == "cuda" else "gloo", timeout=_PATIENCE)
+        distributed.init_process_group("nccl" if device.type == "cuda" else "gloo", timeout=_TIMEOUT)
     try:
-        yield Team(rank, size, device)
+        yield ProcessGroup(rank, size, device)
     finally:
         if size > 1:
             distributed.destroy_process_group()

@@ -1,4 +1,4 @@
-"""How the detector learns: steps of AdamW over a seeded order of frames, going on after a stop as if there was none.
+"""Training of the detector: steps of AdamW over a seeded order of frames; a stopped run goes on bit for bit.
 
 No random number has a hidden state: each follows from the seed and the step.
 """
@@ -15,231 +15,227 @@ import torch
 from torch import Tensor
 from torch.nn.utils import clip_grad_norm_
 
-from upvl_cli.detector import targets
-from upvl_cli.detector.batch import Batch, Sample, collate, joined
-from upvl_cli.detector.checkpoint import LOSSES, State
-from upvl_cli.detector.decode import detections
-from upvl_cli.detector.loss import Losses, Space, losses
+from upvl_cli.detector.checkpoint import LOSSES, TrainState
+from upvl_cli.detector.config import TrainConfig
+from upvl_cli.detector.data.batch import Batch, Sample, collate, concat_batches
+from upvl_cli.detector.decode import decode_output
+from upvl_cli.detector.loss import Criterion, FeatureSpace, Losses, losses
 from upvl_cli.detector.model import Detector
-from upvl_cli.detector.together import Team, half_precision
+from upvl_cli.detector.process_group import ProcessGroup, half_precision
+from upvl_cli.detector.targets import Targets, concat_targets, make_targets
 from upvl_cli.geometry.iou import iou_bev
 from upvl_cli.runtime.parallel import in_order
-from upvl_cli.types import Array
-
-Exercise = tuple[Batch, targets.Targets]  # one frame and what has to be said of it
-_WARM_UP = 0.05  # share of the steps in which the rate rises, so that the moments of AdamW are known first
-_DECAY = 0.01  # AdamW (Loshchilov and Hutter, ICLR 2019)
-_LONGEST_GRADIENT = 10.0  # as in PointPillars of OpenPCDet
-
-
-@dataclass(frozen=True)
-class Plan:
-    """The numbers of a training.
-
-    Attributes:
-        steps: How many in a round.
-        batch: Frames of each, over all processes.
-        rate: Highest learning rate.
-        distil: Weight of the features in the loss.
-        check_steps: Between two looks at the held-out frames.
-        rounds: Trainings one after the other; each but the first learns also from what the one before found.
-        trust: Least score of what is found.
-        seed: Of the weights, the order and all chance.
-        half: Whether to compute in bfloat16 where that is quicker.
-    """
-
-    steps: int
-    batch: int
-    rate: float
-    distil: float
-    check_steps: int
-    rounds: int
-    trust: float
-    seed: int
-    half: bool
+from upvl_cli.types import Boxes
 
 
 class Frames(Protocol):
-    """The frames to learn from, and those held out."""
+    """The frames to train on, and those held out."""
 
     @property
     def train(self) -> int:
-        """How many to learn from."""
+        """How many to train on."""
 
     @property
     def held_out(self) -> int:
         """How many are held out."""
 
-    def changed(self, at: int, found: dict[int, Array]) -> Sample:
-        """That at a place of the order of those to learn from, with chance; `found` has more boxes of some."""
+    def augmented(self, index: int, pseudo_labels: dict[int, Boxes]) -> Sample:
+        """Return the frame at an index of the order, randomly changed; `pseudo_labels` are more boxes of some."""
 
-    def plain(self, number: int) -> Sample:
-        """One of them as it is; the held-out ones follow on those to learn from."""
+    def unchanged(self, number: int) -> Sample:
+        """Return a frame as it is; the held-out ones follow on those to train on."""
 
 
 @dataclass(frozen=True)
-class Lesson:
-    """What learns from what, and where.
+class TrainSetup:
+    """What is trained on what, and where.
 
     Attributes:
         detector: The network; its weights are those of the state.
-        frames: What it learns from.
+        frames: Training and held-out frames.
         space: Where features are compared.
-        plan: The numbers.
-        team: Where it computes.
+        config: Settings.
+        group: Where it computes.
     """
 
     detector: Detector
     frames: Frames
-    space: Space
-    plan: Plan
-    team: Team
+    space: FeatureSpace
+    config: TrainConfig
+    group: ProcessGroup
 
 
-def learn(lesson: Lesson, state: State, *, keep: Callable[[State], None], tick: Callable[[], None]) -> State:
-    """Train from where `state` is to the end; the weights that are worth keeping are in its `best`.
+def train(
+    setup: TrainSetup,
+    state: TrainState,
+    *,
+    save: Callable[[TrainState], None],
+    tick: Callable[[], None],
+) -> TrainState:
+    """Train from where `state` is to the end; the weights of the lowest held-out loss are in its `best`.
 
     Args:
-        lesson: What learns from what.
+        setup: What is trained on what.
         state: An empty one with the weights to begin with, or that of a checkpoint.
-        keep: Called at each look at the held-out frames, with all that is needed to go on from there.
+        save: Called at each check on the held-out frames, with all that is needed to go on from there.
         tick: Called after each step.
     """
-    plan, team = lesson.plan, lesson.team
-    first = {name: tensor.clone() for name, tensor in lesson.detector.state_dict().items()}
-    lesson.detector.to(team.device)
-    with _repeatable(team.device):
-        for number in range(state.step // plan.steps, plan.rounds):
-            if state.step == number * plan.steps:
-                state = _begun(lesson, state, first)
-            _round(lesson, state, keep, tick)
+    config, group = setup.config, setup.group
+    initial = {name: tensor.clone() for name, tensor in setup.detector.state_dict().items()}
+    setup.detector.to(group.device)
+    with _deterministic(group.device):
+        for number in range(state.step // config.steps, config.self_training.rounds):
+            if state.step == number * config.steps:
+                state = _begin_round(setup, state, initial)
+            _run_round(setup, state, save, tick)
     return state
 
 
-def _begun(lesson: Lesson, state: State, first: dict[str, Tensor]) -> State:
-    """The state at the start of a round: new weights, and what the best of the round before find."""
-    found = {}
+def _begin_round(setup: TrainSetup, state: TrainState, initial: dict[str, Tensor]) -> TrainState:
+    """Return the state at the start of a round: initial weights, and detections of the best of the round before."""
+    pseudo_labels = {}
     if state.step:
-        lesson.detector.load_state_dict(state.best)
-        found = dict(_found(lesson))
-    return State(state.step, first, curve=state.curve, checks=state.checks, found=found)
+        setup.detector.load_state_dict(state.best)
+        pseudo_labels = dict(_pseudo_labels(setup))
+    return TrainState(
+        state.step, initial, curve=state.curve, checks=state.checks, pseudo_labels=pseudo_labels
+    )
 
 
-def _round(lesson: Lesson, state: State, keep: Callable[[State], None], tick: Callable[[], None]) -> None:
+def _run_round(
+    setup: TrainSetup,
+    state: TrainState,
+    save: Callable[[TrainState], None],
+    tick: Callable[[], None],
+) -> None:
     """Take the steps of a round that are left."""
-    plan, detector = lesson.plan, lesson.detector
+    config, detector = setup.config, setup.detector
     detector.load_state_dict(state.model)
-    optimizer = torch.optim.AdamW(detector.parameters(), weight_decay=_DECAY)
-    _remember(optimizer, detector, state.moments)
-    last = (state.step // plan.steps + 1) * plan.steps
-    steps = range(state.step, last)
-    for step, batch in zip(steps, _batches(lesson, steps, state.found), strict=True):
-        rate = _rate(step % plan.steps, plan)
-        said = _step(lesson, optimizer, batch, rate)
-        state.curve.append([rate, *said])
+    optimizer = torch.optim.AdamW(detector.parameters(), weight_decay=config.optimizer.weight_decay)
+    _restore_moments(optimizer, detector, state.moments)
+    end = (state.step // config.steps + 1) * config.steps
+    steps = range(state.step, end)
+    for step, frames in zip(steps, _frames_of_steps(setup, steps, state.pseudo_labels), strict=True):
+        learning_rate = learning_rate_at(step % config.steps, config)
+        mean_losses = _step(setup, optimizer, frames, learning_rate)
+        state.curve.append([learning_rate, *mean_losses])
         state.step = step + 1
-        if state.step == last or state.step % plan.check_steps == 0:
-            _check(lesson, state)
-            state.model = _copied(detector)
-            state.moments = _moments(optimizer, detector)
-            keep(state)
+        if state.step == end or state.step % config.check_steps == 0:
+            _check(setup, state)
+            state.model = _weights_of(detector)
+            state.moments = _moments_of(optimizer, detector)
+            save(state)
         tick()
 
 
-def _batches(lesson: Lesson, steps: range, found: dict[int, Array]) -> Iterator[list[Exercise]]:
-    """This process's part of each step, made ahead by threads."""
-    plan, team = lesson.plan, lesson.team
-    each = plan.batch // team.size
-    first = (step * plan.batch + team.rank * each for step in steps)
-    places = (start + place for start in first for place in range(each))
-    made = in_order(lambda at: _exercise(lesson, lesson.frames.changed(at, found)), places)
+def _frames_of_steps(
+    setup: TrainSetup, steps: range, pseudo_labels: dict[int, Boxes]
+) -> Iterator[list[tuple[Batch, Targets]]]:
+    """Yield this process's frames of each step, made ahead by threads."""
+    config, group = setup.config, setup.group
+    per_process = config.batch // group.size
+    first = (step * config.batch + group.rank * per_process for step in steps)
+    indices = (start + offset for start in first for offset in range(per_process))
+    frames = in_order(
+        lambda index: _with_targets(setup, setup.frames.augmented(index, pseudo_labels)), indices
+    )
     for _ in steps:
-        yield [next(made) for _ in range(each)]
+        yield [next(frames) for _ in range(per_process)]
 
 
-def _exercise(lesson: Lesson, sample: Sample) -> Exercise:
-    batch = collate([sample], lesson.detector.grid)
-    return batch, targets.targets(lesson.detector.head, batch.boxes)
+def _with_targets(setup: TrainSetup, sample: Sample) -> tuple[Batch, Targets]:
+    batch = collate([sample], setup.detector.grid)
+    return batch, make_targets(setup.detector.head, batch.boxes)
 
 
 def _step(
-    lesson: Lesson, optimizer: torch.optim.Optimizer, exercises: list[Exercise], rate: float
+    setup: TrainSetup,
+    optimizer: torch.optim.Optimizer,
+    frames: list[tuple[Batch, Targets]],
+    learning_rate: float,
 ) -> list[float]:
-    """Go down the gradient once; returns the losses in the order of `LOSSES`."""
+    """Take one step of the optimizer and return the losses in the order of `LOSSES`, means over all processes."""
     for group in optimizer.param_groups:
-        group["lr"] = rate
+        group["lr"] = learning_rate
     optimizer.zero_grad()
-    found = _losses(lesson, exercises)
-    found.total.backward()  # type: ignore[no-untyped-call]
-    weights = list(lesson.detector.parameters())
+    of_batch = _losses_of(setup, frames)
+    of_batch.total.backward()  # type: ignore[no-untyped-call]
+    weights = list(setup.detector.parameters())
     for weight in weights:
         if weight.grad is None:  # nothing in this batch reaches it: another process may differ
             weight.grad = torch.zeros_like(weight)
-    told = torch.stack([getattr(found, name).detach().float() for name in LOSSES])
-    lesson.team.mean([told, *(weight.grad for weight in weights if weight.grad is not None)])
-    clip_grad_norm_(weights, _LONGEST_GRADIENT)
+    mean_losses = torch.stack([getattr(of_batch, name).detach().float() for name in LOSSES])
+    setup.group.average([mean_losses, *(weight.grad for weight in weights if weight.grad is not None)])
+    clip_grad_norm_(weights, setup.config.optimizer.max_gradient_norm)
     optimizer.step()
-    return [float(value) for value in told]
+    return [float(value) for value in mean_losses]
 
 
-def _losses(lesson: Lesson, exercises: list[Exercise]) -> Losses:
-    detector, device = lesson.detector, lesson.team.device
-    batch = joined([batch for batch, _ in exercises]).to(device)
-    wanted = targets.joined([wanted for _, wanted in exercises]).to(device)
-    with half_precision(device, wanted=lesson.plan.half):
+def _losses_of(setup: TrainSetup, frames: list[tuple[Batch, Targets]]) -> Losses:
+    detector, device, config = setup.detector, setup.group.device, setup.config
+    batch = concat_batches([batch for batch, _ in frames]).to(device)
+    targets = concat_targets([targets for _, targets in frames]).to(device)
+    with half_precision(device, enabled=config.precision == "half"):
         output = detector(batch)
-    return losses(detector, output, batch, wanted, lesson.space.to(device), distil=lesson.plan.distil)
+    criterion = Criterion(setup.space.to(device), config.loss, config.distillation)
+    return losses(detector, output, batch, targets, criterion)
 
 
-def _check(lesson: Lesson, state: State) -> None:
-    """Look at the held-out frames, without any label of a person; the weights are kept where they are better."""
-    frames, team = lesson.frames, lesson.team
+def _check(setup: TrainSetup, state: TrainState) -> None:
+    """Compute the loss on the held-out frames (no human label is read) and keep the weights if it is the lowest."""
+    frames, group = setup.frames, setup.group
     held_out = range(frames.train, frames.train + frames.held_out)
-    loss = torch.zeros((), dtype=torch.float64, device=team.device)
-    lesson.detector.train(False)
+    total = torch.zeros((), dtype=torch.float64, device=group.device)
+    setup.detector.train(False)
     with torch.no_grad():
-        for exercise in in_order(
-            lambda number: _exercise(lesson, frames.plain(number)), held_out[team.rank :: team.size]
+        for frame in in_order(
+            lambda number: _with_targets(setup, frames.unchanged(number)), held_out[group.rank :: group.size]
         ):
-            loss += _losses(lesson, [exercise]).total
-    lesson.detector.train()
-    team.mean([loss])
-    found = float(loss) * team.size / max(len(held_out), 1)
+            total += _losses_of(setup, [frame]).total
+    setup.detector.train()
+    group.average([total])
+    loss = float(total) * group.size / max(len(held_out), 1)
     if held_out:
-        state.checks.append([state.step, found])
-    if found < state.lowest or not held_out:
-        state.lowest, state.best = found, _copied(lesson.detector)
+        state.checks.append([state.step, loss])
+    if loss < state.lowest_loss or not held_out:
+        state.lowest_loss, state.best = loss, _weights_of(setup.detector)
 
 
-def _found(lesson: Lesson) -> Iterator[tuple[int, Array]]:
-    """What the network is sure of in the frames to learn from: boxes on no label, by number of the frame."""
-    detector, device = lesson.detector.train(False), lesson.team.device
+def _pseudo_labels(setup: TrainSetup) -> Iterator[tuple[int, Boxes]]:
+    """Yield the detections in each training frame that overlap none of its labels, with the number of the frame."""
+    detector, device, config = setup.detector.train(False), setup.group.device, setup.config
     with torch.no_grad():
-        for number, sample in enumerate(in_order(lesson.frames.plain, range(lesson.frames.train))):
+        for number, sample in enumerate(in_order(setup.frames.unchanged, range(setup.frames.train))):
             batch = collate([sample], detector.grid).to(device)
-            with half_precision(device, wanted=lesson.plan.half):
+            with half_precision(device, enabled=config.precision == "half"):
                 output = detector(batch)
-            (boxes,) = detections(detector, output, min_score=lesson.plan.trust, max_boxes=100, nms_iou=0.1)
-            new = ~(iou_bev(boxes.seven, sample.boxes) > 0).any(axis=1)
+            (boxes,) = decode_output(detector, output, config.self_training.pseudo_label)
+            new = ~(iou_bev(boxes, sample.boxes) > 0).any(axis=1)
             if new.any():
-                yield number, boxes.seven[new]
+                yield number, Boxes(boxes.center_m[new], boxes.size_lwh_m[new], boxes.heading_rad[new])
     detector.train()
 
 
-def _rate(step: int, plan: Plan) -> float:
-    """The learning rate of a step: up in a line, down in a cosine."""
-    warm = max(round(_WARM_UP * plan.steps), 1)
-    if step < warm:
-        return plan.rate * (step + 1) / warm
-    return plan.rate * (1 + math.cos(math.pi * (step - warm) / max(plan.steps - warm, 1))) / 2
+def learning_rate_at(step: int, config: TrainConfig) -> float:
+    """Return the learning rate of a step of a round: a linear rise, then half a cosine (SGDR, ICLR 2017).
+
+    Args:
+        step: Steps of the round before this one.
+        config: Number of steps, highest rate and share of the rise.
+    """
+    highest = config.optimizer.learning_rate
+    warm_up = max(round(config.optimizer.warm_up_share * config.steps), 1)
+    if step < warm_up:
+        return highest * (step + 1) / warm_up
+    return highest * (1 + math.cos(math.pi * (step - warm_up) / max(config.steps - warm_up, 1))) / 2
 
 
-def _copied(detector: Detector) -> dict[str, Tensor]:
+def _weights_of(detector: Detector) -> dict[str, Tensor]:
     return {name: tensor.detach().cpu().clone() for name, tensor in detector.state_dict().items()}
 
 
-def _moments(optimizer: torch.optim.Optimizer, detector: Detector) -> dict[str, Tensor]:
-    """What the optimizer keeps of each weight."""
+def _moments_of(optimizer: torch.optim.Optimizer, detector: Detector) -> dict[str, Tensor]:
+    """Return the state of the optimizer for each weight, by name."""
     return {
         f"{kind}/{name}": tensor.detach().cpu().clone()
         for name, weight in detector.named_parameters()
@@ -247,7 +243,9 @@ def _moments(optimizer: torch.optim.Optimizer, detector: Detector) -> dict[str, 
     }
 
 
-def _remember(optimizer: torch.optim.Optimizer, detector: Detector, moments: dict[str, Tensor]) -> None:
+def _restore_moments(
+    optimizer: torch.optim.Optimizer, detector: Detector, moments: dict[str, Tensor]
+) -> None:
     names = [name for name, _ in detector.named_parameters()]
     kinds = {key.partition("/")[0] for key in moments}
     held = {
@@ -259,8 +257,8 @@ def _remember(optimizer: torch.optim.Optimizer, detector: Detector, moments: dic
 
 
 @contextmanager
-def _repeatable(device: torch.device) -> Iterator[None]:
-    """On a processor the same steps give the same bits."""
+def _deterministic(device: torch.device) -> Iterator[None]:
+    """Make the same steps give the same bits on a processor."""
     # Filling new memory would cost a tenth of a step: nothing here reads what it has not written.
     filling = torch.utils.deterministic
     before = torch.are_deterministic_algorithms_enabled(), filling.fill_uninitialized_memory  # type: ignore[attr-defined]

@@ -1,4 +1,4 @@
-"""Which frames a step learns from: all of them in a new order each time round, known from the seed alone."""
+"""Order of training frames: all of them in a new order each epoch, which follows from the seed alone."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ import numpy as np
 from upvl_cli.types import Ints
 
 # Each purpose has random numbers of its own, so that no draw changes another.
-_ORDER, _CHANCE = 0, 1
+_ORDER, _CHANGES = 0, 1
 
 
-def item(at: int, frames: int, seed: int) -> int:
-    """Return the frame at a place of the endless order.
+def frame_at(index: int, frames: int, seed: int) -> int:
+    """Return the frame at an index of the endless order.
 
     Args:
-        at: Which place, from 0 on; a step of b frames takes b places.
+        index: From 0 on; a step of b frames takes b of them.
         frames: How many frames there are.
-        seed: Of the order.
+        seed: Seed of the order.
     """
-    return int(_order(at // frames, frames, seed)[at % frames])
+    return int(_order(index // frames, frames, seed)[index % frames])
 
 
-def chance(at: int, seed: int) -> np.random.Generator:
-    """Return the random numbers of one place of the order."""
-    return np.random.default_rng([seed, _CHANCE, at])
+def generator_at(index: int, seed: int) -> np.random.Generator:
+    """Return the random numbers for the changes at one index of the order."""
+    return np.random.default_rng([seed, _CHANGES, index])
 
 
 @lru_cache(maxsize=4)
-def _order(turn: int, frames: int, seed: int) -> Ints:
-    return np.random.default_rng([seed, _ORDER, turn]).permutation(frames)
+def _order(epoch: int, frames: int, seed: int) -> Ints:
+    return np.random.default_rng([seed, _ORDER, epoch]).permutation(frames)

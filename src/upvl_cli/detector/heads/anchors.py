@@ -1,4 +1,4 @@
-"""Places with a size and a heading, for any class of object (PointPillars, Lang et al., CVPR 2019)."""
+"""The head with anchors: boxes of a few sizes and two headings a cell (PointPillars, Lang et al., CVPR 2019)."""
 
 from __future__ import annotations
 
@@ -9,53 +9,69 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from upvl_cli.detector.batch import Grid
-from upvl_cli.detector.head import Assigned, cell_centres
-from upvl_cli.detector.targets import assign
-from upvl_cli.types import Array, Floats
+from upvl_cli.detector.assignment import Assignment, assign_by_overlap
+from upvl_cli.detector.config import AnchorsConfig
+from upvl_cli.detector.grid import Grid
+from upvl_cli.detector.heads.base import cell_centers
+from upvl_cli.errors import BadSetting
+from upvl_cli.types import Boxes, Floats
 
-_SIZES = ((4.5, 1.9, 1.6), (9.0, 2.8, 3.2), (1.8, 0.7, 1.7), (0.9, 0.7, 1.7))  # m: car, truck, rider, walker
-_HEADINGS = (0.0, pi / 2)
-_DIRECTION = 0.2  # weight of the direction beside the angle (SECOND, Yan et al., Sensors 2018)
+_HEADINGS_RAD = (
+    0.0,
+    pi / 2,
+)  # along and across: the angle of any box is within pi/4 of one, up to half a turn
 
 
 class Anchors:
-    """A few sizes and two headings a cell; heading as an angle up to half a turn, and which of its two ends.
+    """A few sizes and two headings a cell; the heading is an angle up to half a turn and a direction.
 
-    The loss of the angle is the Huber loss of its sine, so that a box turned by half a turn costs nothing
-    but its direction, and no angle stands at a jump.
+    The loss of the angle is the Huber loss of its sine, so that half a turn costs nothing but the direction
+    (SECOND, Yan et al., Sensors 2018, Section 3.2).
     """
 
-    each_cell = len(_SIZES) * len(_HEADINGS)
+    def __init__(self, grid: Grid, config: AnchorsConfig) -> None:
+        """Lay out the anchors on the ground, z = 0.
 
-    def __init__(self, grid: Grid) -> None:
-        """Lay out the places: all stand on the ground, z = 0."""
-        kinds = np.array([[s[2] / 2, *s, heading] for s in _SIZES for heading in _HEADINGS])
-        cells = cell_centres(grid)
-        every = np.repeat(cells, len(kinds), axis=0)
-        self.places: Floats = np.concatenate([every, np.tile(kinds, (len(cells), 1))], axis=1)
+        Raises:
+            BadSetting: There is no size, or lengths, widths and heights are not equally many.
+        """
+        counts = {len(config.length_m), len(config.width_m), len(config.height_m)}
+        if len(counts) > 1 or not config.length_m:
+            raise BadSetting(
+                "model.anchors: length_m, width_m and height_m need equally many values, one at least"
+            )
+        self._config = config
+        sizes = [*zip(config.length_m, config.width_m, config.height_m, strict=True)]
+        kinds = np.array([[s[2] / 2, *s, heading] for s in sizes for heading in _HEADINGS_RAD])
+        cells = cell_centers(grid)
+        self.anchors_per_cell = len(kinds)
+        center_xy_m = np.repeat(cells, len(kinds), axis=0)
+        self.anchors = Boxes.from_rows(np.concatenate([center_xy_m, np.tile(kinds, (len(cells), 1))], axis=1))
 
-    def assign(self, boxes: Array) -> Assigned:
-        """By rotated overlap."""
-        return assign(self.places, boxes)
+    def assign(self, boxes: Boxes) -> Assignment:
+        """Return which anchors are positive, by rotated overlap."""
+        return assign_by_overlap(self.anchors, boxes, self._config.positive_iou, self._config.negative_iou)
 
-    def heading_code(self, places: Floats, boxes: Array) -> Floats:
-        """(p, 2) angle from the anchor up to half a turn, from -pi / 2 to pi / 2; 1 where the box looks back."""
-        angle = boxes[:, 6] - places[:, 6]
+    def encode_heading(self, anchors: Boxes, boxes: Boxes) -> Floats:
+        """Return (p, 2): angle from the anchor, -pi / 2 to pi / 2; 1 where the box looks the other way."""
+        angle = boxes.heading_rad - anchors.heading_rad
         return np.stack([_half_turn(angle), np.cos(angle) < 0], axis=1)
 
-    def heading(self, places: Floats, code: Floats) -> Floats:
-        """(p,) heading from -pi to pi."""
-        angle = places[:, 6] + _half_turn(code[:, 0]) + np.where(code[:, 1] > 0, pi, 0)
+    def decode_heading(self, anchors: Boxes, code: Floats) -> Floats:
+        """Return (p,) headings from -pi to pi."""
+        angle = anchors.heading_rad + _half_turn(code[:, 0]) + np.where(code[:, 1] > 0, pi, 0)
         return np.asarray((angle + pi) % (2 * pi) - pi)
 
-    def heading_loss(self, said: Tensor, code: Tensor) -> Tensor:
-        """(p,) Huber of the sine of the difference, and cross-entropy of the direction."""
-        sine = torch.sin(said[:, 0] - code[:, 0])
+    def heading_loss(self, prediction: Tensor, code: Tensor) -> Tensor:
+        """Return (p,) Huber losses of the sine of the difference, plus the cross-entropy of the direction."""
+        sine = torch.sin(prediction[:, 0] - code[:, 0])
         angle = functional.smooth_l1_loss(sine, torch.zeros_like(sine), reduction="none")
-        direction = functional.binary_cross_entropy_with_logits(said[:, 1], code[:, 1], reduction="none")
-        return angle + _DIRECTION * direction
+        direction = functional.binary_cross_entropy_with_logits(
+            prediction[:, 1], code[:, 1], reduction="none"
+        )
+        return angle + self._config.direction_weight * direction
 
 
 def _half_turn(angle: Floats) -> Floats:
+    """Return angles brought to -pi / 2 to pi / 2 by half turns."""
     return np.asarray((angle + pi / 2) % pi - pi / 2)
