@@ -5,46 +5,60 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from scenes import SMALL, street
+from scenes import SHIPPED, small_config, street
 
-from upvl_cli.detector.batch import Sample
-from upvl_cli.detector.checkpoint import State, keep, packed, resume
-from upvl_cli.detector.loss import Space
+from upvl_cli.detector.checkpoint import TrainState, load_checkpoint, pack_weights, save_checkpoint
+from upvl_cli.detector.config import TrainConfig
+from upvl_cli.detector.data.batch import Sample
+from upvl_cli.detector.data.sampler import frame_at
+from upvl_cli.detector.loss import FeatureSpace
 from upvl_cli.detector.model import Detector
-from upvl_cli.detector.sampler import item
-from upvl_cli.detector.together import Team
-from upvl_cli.detector.training import Lesson, Plan, learn
+from upvl_cli.detector.process_group import ProcessGroup
+from upvl_cli.detector.train import TrainSetup, train
+from upvl_cli.types import Boxes
 
-PLAN = Plan(steps=6, batch=2, rate=0.01, distil=1.0, check_steps=2, rounds=1, trust=0.0, seed=3, half=False)
-ALONE = Team(0, 1, torch.device("cpu"))
+CONFIG = replace(
+    SHIPPED,
+    steps=6,
+    batch=2,
+    check_steps=2,
+    seed=3,
+    precision="full",
+    optimizer=replace(SHIPPED.optimizer, learning_rate=0.01),
+    self_training=replace(
+        SHIPPED.self_training, pseudo_label=replace(SHIPPED.self_training.pseudo_label, min_score=0.0)
+    ),
+)
+ALONE = ProcessGroup(0, 1, torch.device("cpu"))
 
 
 class Streets:
-    """Frames without a file: three to learn from, one held out (`training.Frames`)."""
+    """Frames without a file: three to train on, one held out (`train.Frames`)."""
 
     train, held_out = 3, 1
 
     def __init__(self) -> None:
-        self.found: list[int] = []
+        self.pseudo_labelled: list[int] = []
 
-    def plain(self, number: int) -> Sample:
+    def unchanged(self, number: int) -> Sample:
         return street(number)
 
-    def changed(self, at: int, found: Mapping[int, np.ndarray]) -> Sample:
-        number = item(at, self.train, PLAN.seed)
-        self.found += [number] * (number in found)
+    def augmented(self, index: int, pseudo_labels: Mapping[int, Boxes]) -> Sample:
+        number = frame_at(index, self.train, CONFIG.seed)
+        self.pseudo_labelled += [number] * (number in pseudo_labels)
         return street(number)
 
 
-def lesson(plan: Plan = PLAN, team: Team = ALONE) -> Lesson:
-    torch.manual_seed(plan.seed)
-    space = Space.of(np.full(70, 0.1, np.float32), np.eye(64, 70, dtype=np.float32))
-    return Lesson(Detector(SMALL, 8, "anchors", True), Streets(), space, plan, team)
+def setup_of(config: TrainConfig = CONFIG, group: ProcessGroup = ALONE) -> TrainSetup:
+    torch.manual_seed(config.seed)
+    space = FeatureSpace.from_basis(np.full(70, 0.1, np.float32), np.eye(64, 70, dtype=np.float32))
+    return TrainSetup(Detector(small_config(), True), Streets(), space, config, group)
 
 
 def nothing(*_: object) -> None:
@@ -52,11 +66,11 @@ def nothing(*_: object) -> None:
 
 
 @pytest.fixture(scope="module")
-def undisturbed() -> State:
-    return learn(lesson(), State(), keep=nothing, tick=nothing)
+def undisturbed() -> TrainState:
+    return train(setup_of(), TrainState(), save=nothing, tick=nothing)
 
 
-def test_the_loss_falls_and_the_rate_rises_and_falls(undisturbed: State) -> None:
+def test_the_loss_falls_and_the_rate_rises_and_falls(undisturbed: TrainState) -> None:
     rate, total = np.array(undisturbed.curve)[:, :2].T
     assert len(rate) == undisturbed.step == 6
     assert total[-1] < 0.7 * total[0]
@@ -66,11 +80,11 @@ def test_the_loss_falls_and_the_rate_rises_and_falls(undisturbed: State) -> None
     )
     steps, checks = np.array(undisturbed.checks).T
     assert steps.tolist() == [2, 4, 6]
-    assert undisturbed.lowest == checks.min()
+    assert undisturbed.lowest_loss == checks.min()
 
 
 @pytest.mark.parametrize("stop", [1, 3, 5, 6])
-def test_a_stopped_run_goes_on_to_the_same_bytes(undisturbed: State, tmp_path: Path, stop: int) -> None:
+def test_a_stopped_run_goes_on_to_the_same_bytes(undisturbed: TrainState, tmp_path: Path, stop: int) -> None:
     path = tmp_path / "checkpoint.safetensors"
     left = [stop]
 
@@ -80,29 +94,30 @@ def test_a_stopped_run_goes_on_to_the_same_bytes(undisturbed: State, tmp_path: P
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        learn(lesson(), State(), keep=lambda state: keep(path, state, "s"), tick=stopping)
-    begun = resume(path, "s")
+        train(setup_of(), TrainState(), save=lambda state: save_checkpoint(path, state, "s"), tick=stopping)
+    begun = load_checkpoint(path, "s")
     assert (begun.step if begun else 0) == stop // 2 * 2
     torch.manual_seed(99)  # no hidden state counts
-    again = learn(lesson(), begun or State(), keep=nothing, tick=nothing)
-    np.testing.assert_array_equal(packed(again.best), packed(undisturbed.best))
+    again = train(setup_of(), begun or TrainState(), save=nothing, tick=nothing)
+    np.testing.assert_array_equal(pack_weights(again.best), pack_weights(undisturbed.best))
     assert again.curve == undisturbed.curve
     assert again.checks == undisturbed.checks
 
 
 def test_a_second_round_learns_from_what_the_first_found() -> None:
-    one = lesson(Plan(**{**vars(PLAN), "rounds": 2, "steps": 2}))
-    state = learn(one, State(), keep=nothing, tick=nothing)
+    self_training = replace(CONFIG.self_training, rounds=2)
+    one = setup_of(replace(CONFIG, steps=2, self_training=self_training))
+    state = train(one, TrainState(), save=nothing, tick=nothing)
     assert state.step == 4
-    assert one.frames.found  # trust 0: something is found in each frame
-    assert {boxes.shape[1] for boxes in state.found.values()} == {7}
-    first = learn(lesson(Plan(**{**vars(PLAN), "steps": 2})), State(), keep=nothing, tick=nothing)
+    assert one.frames.pseudo_labelled  # with a score of 0 something is found in each frame
+    assert all(len(boxes) for boxes in state.pseudo_labels.values())
+    first = train(setup_of(replace(CONFIG, steps=2)), TrainState(), save=nothing, tick=nothing)
     assert state.curve[0] == first.curve[0]
 
 
 def test_each_frame_comes_once_a_turn_in_an_order_of_the_seed() -> None:
     def turn(number: int, seed: int) -> list[int]:
-        return [item(at, 10, seed) for at in range(10 * number, 10 * number + 10)]
+        return [frame_at(at, 10, seed) for at in range(10 * number, 10 * number + 10)]
 
     assert sorted(turn(0, 1)) == list(range(10))
     assert turn(1, 1) == turn(1, 1)
@@ -113,17 +128,17 @@ def test_each_frame_comes_once_a_turn_in_an_order_of_the_seed() -> None:
 TOGETHER = """
 import sys, json
 sys.path[:0] = {paths}
-from test_training import PLAN, State, learn, lesson, nothing, packed
-from upvl_cli.detector.together import team
-with team() as here:
-    assert here.size == 2
-    state = learn(lesson(PLAN, here), State(), keep=nothing, tick=nothing)
-    if here.rank == 0:
+from test_training import CONFIG, TrainState, nothing, setup_of, train
+from upvl_cli.detector.process_group import process_group
+with process_group() as group:
+    assert group.size == 2
+    state = train(setup_of(CONFIG, group), TrainState(), save=nothing, tick=nothing)
+    if group.rank == 0:
         open({out!r}, "w").write(json.dumps([state.curve, state.checks]))
 """
 
 
-def test_two_processes_learn_as_one(undisturbed: State, tmp_path: Path) -> None:
+def test_two_processes_learn_as_one(undisturbed: TrainState, tmp_path: Path) -> None:
     import json
 
     here = Path(__file__).parent
