@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from scenes import SHIPPED, shifted
 
+from upvl_cli.detector.config import AugmentationConfig
 from upvl_cli.detector.data.augment import augment, move_scene, paste_objects
 from upvl_cli.detector.data.scene import Scene
 from upvl_cli.geometry.boxes import points_inside
-from upvl_cli.types import Boxes, empty
+from upvl_cli.types import Boxes, concat, empty
 
 BOX = Boxes.from_rows(np.array([[10.0, 4, 1, 4, 2, 1.6, 0.5]]))
 
@@ -111,3 +112,37 @@ def test_chance_is_that_of_the_generator() -> None:
     np.testing.assert_array_equal(one.points, same.points)
     assert abs(one.boxes.to_rows()[0] - other.boxes.to_rows()[0]).max() > 0.01
     assert len(one.boxes) == 2
+
+
+def test_chances_and_ranges_are_those_of_the_settings() -> None:
+    scene = filled(BOX, FAST, 1)
+    fixed = AugmentationConfig(mirror_probability=1.0, max_turn_rad=0.0, scale_jitter=0.0, pasted_objects=0)
+    always = augment(scene, scene, fixed, np.random.default_rng(0))
+    np.testing.assert_allclose(always.boxes.to_rows(), move_scene(scene, True, 0.0, 1.0).boxes.to_rows())
+    never = augment(scene, scene, replace(fixed, mirror_probability=0.0), np.random.default_rng(0))
+    np.testing.assert_allclose(never.boxes.to_rows(), BOX.to_rows())
+    turning = replace(fixed, mirror_probability=0.0, max_turn_rad=0.2)
+    scaling = replace(fixed, mirror_probability=0.0, scale_jitter=0.1)
+    turn, scale = [], []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        turn.append(augment(scene, scene, turning, rng).boxes.heading_rad[0] - 0.5)
+        scale.append(augment(scene, scene, scaling, rng).boxes.size_lwh_m[0, 0] / 4)
+    assert -0.2 <= min(turn) < -0.15 and 0.15 < max(turn) <= 0.2
+    assert 0.9 <= min(scale) < 0.92 and 1.08 < max(scale) <= 1.1
+
+
+def test_as_many_objects_are_pasted_as_the_settings_say() -> None:
+    many = concat([shifted(BOX, y=-10), shifted(BOX, x=10), shifted(BOX, x=10, y=-10)], Boxes)
+    scene, donor = filled(BOX, STILL, 1), filled(many, np.zeros((3, 3)), 2)
+    for count in (0, 2, 3):
+        config = replace(SHIPPED.augmentation, pasted_objects=count)
+        assert len(augment(scene, donor, config, np.random.default_rng(0)).boxes) == 1 + count
+
+
+def test_two_pasted_objects_do_not_overlap() -> None:
+    pair = concat([shifted(BOX, y=-10), shifted(BOX, x=1, y=-10)], Boxes)
+    scene, donor = filled(BOX, STILL, 1), filled(pair, np.zeros((2, 3)), 2)
+    after = paste_objects(scene, donor, np.array([1, 0]))
+    assert len(after.boxes) == len(after.velocity_mps) == 2
+    np.testing.assert_array_equal(after.boxes.center_m[1], pair.center_m[1])

@@ -85,3 +85,31 @@ def test_a_wild_size_stays_finite() -> None:
     output = output_of(detector, BOXES[:1], [0.9], [7])
     output.residual[0, 7, 3:6] = 1e6
     assert np.isfinite(decode_output(detector, output, DECODING)[0].to_rows()).all()
+
+
+def test_the_bounds_of_score_and_overlap_belong_to_what_stays() -> None:
+    assert len(decoded(BOXES[:2], [0.5, 0.4], min_score=0.5)) == 1  # the logit of 0.5 is 0: no rounding
+    both = decoded(concat([BOXES[:1], shifted(BOXES[:1], x=0.5)], Boxes), [0.9, 0.8], nms_iou=1.0)
+    overlap = float(iou_bev(both[:1], both[1:])[0, 0])
+    pair = concat([BOXES[:1], shifted(BOXES[:1], x=0.5)], Boxes)
+    assert len(decoded(pair, [0.9, 0.8], nms_iou=overlap)) == 2
+    assert len(decoded(pair, [0.9, 0.8], nms_iou=overlap - 1e-6)) == 1
+
+
+def test_no_more_candidates_are_decoded_than_the_settings_say() -> None:
+    crowd = concat([shifted(BOXES[:1], x=0.1 * step) for step in range(4)] + [BOXES[1:2]], Boxes)
+    score = [0.9, 0.8, 0.7, 0.6, 0.5]
+    assert len(decoded(crowd, score, max_boxes=2, candidates_per_box=2)) == 1  # four, all of one object
+    assert len(decoded(crowd, score, max_boxes=2, candidates_per_box=3)) == 2
+
+
+def test_each_sample_has_its_own_boxes() -> None:
+    detector = Detector(small_config("centers"), False)
+    parts = [output_of(detector, BOXES[n : n + 1], [0.9 - 0.1 * n], [60 + n]) for n in range(2)]
+    output = Output(
+        *(torch.cat([getattr(p, name) for p in parts]) for name in ("objectness", "residual")), None
+    )
+    first, second = decode_output(detector, output, DECODING)
+    np.testing.assert_allclose(first.center_m, BOXES.center_m[:1], atol=1e-5)
+    np.testing.assert_allclose(second.center_m, BOXES.center_m[1:2], atol=1e-5)
+    np.testing.assert_allclose([first.score[0], second.score[0]], [0.9, 0.8], atol=1e-6)

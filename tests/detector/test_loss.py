@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
-from math import log, pi
+from dataclasses import replace
+from math import exp, log, pi
 
 import numpy as np
 import pytest
 import torch
-from scenes import CODERS, SHIPPED, small_head
+from scenes import CODERS, SHIPPED, small_config, small_head, street
 from torch.autograd import gradcheck
 
-from upvl_cli.detector.loss import FeatureSpace, box_losses, distillation_loss, objectness_loss
-from upvl_cli.detector.targets import Targets
+from upvl_cli.detector.data.batch import collate
+from upvl_cli.detector.loss import (
+    Criterion,
+    FeatureSpace,
+    box_losses,
+    distillation_loss,
+    losses,
+    objectness_loss,
+)
+from upvl_cli.detector.model import Detector
+from upvl_cli.detector.targets import Targets, make_targets
 
 HEADS = pytest.mark.parametrize("box_coder", CODERS)
 LOSS = SHIPPED.loss
@@ -105,3 +115,67 @@ def test_features_of_a_sample_without_any_cost_nothing() -> None:
     prediction, true = doubles(2, 64).detach(), doubles(2, 64, seed=1).detach()
     loss = distillation_loss(prediction, true, torch.tensor([1, 1]), 3, short)
     assert loss.item() == pytest.approx((1 - short.cosine(prediction, true)).mean().item() / 3)
+
+
+def test_objectness_is_the_focal_loss_of_a_plain_loop() -> None:
+    config, truth, logits = replace(LOSS, focal_alpha=0.3, focal_gamma=1.5), known(), doubles(2, 5).detach()
+    positives = {(0, 1), (0, 3), (1, 0)}
+    of_sample = []
+    for sample in range(2):
+        total = 0.0
+        for anchor in range(4):  # the last one is ignored
+            p = 1 / (1 + exp(-logits[sample, anchor].item()))
+            right, alpha = (p, 0.3) if (sample, anchor) in positives else (1 - p, 0.7)
+            total += alpha * (1 - right) ** 1.5 * -log(right)
+        of_sample.append(total / sum(where[0] == sample for where in positives))
+    assert objectness_loss(logits, truth, config).item() == pytest.approx(sum(of_sample) / 2)
+
+
+def test_boxes_have_the_huber_loss_of_a_plain_loop() -> None:
+    config, truth, prediction = replace(LOSS, huber_delta=0.7), known(), doubles(2, 5, 8).detach()
+    of_sample = {0: [0.0, 0.0], 1: [0.0]}
+    for row, (sample, anchor) in enumerate(zip([0, 0, 1], [1, 3, 0], strict=True)):
+        for dim in range(6):
+            error = abs((prediction[sample, anchor, dim] - truth.residual[row, dim]).item())
+            of_sample[sample][row % 2] += error**2 / 1.4 if error < 0.7 else error - 0.35
+    expected = (sum(of_sample[0]) / 2 + of_sample[1][0]) / 2
+    assert box_losses(small_head("centers"), prediction, truth, config)[0].item() == pytest.approx(expected)
+
+
+def test_headings_of_centers_by_hand() -> None:
+    prediction, code = torch.tensor([[0.5, 3.0]]), torch.tensor([[0.0, 1.0]])
+    loss = small_head("centers").heading_loss(prediction, code).item()
+    assert loss == pytest.approx(0.125 + 1.5)  # a square's half up to 1, then a line
+
+
+def test_the_total_has_each_part_with_its_weight() -> None:
+    torch.manual_seed(1)
+    detector = Detector(small_config(), True)
+    batch = collate([street(1), street(2)], detector.grid)
+    output, truth = detector(batch), make_targets(detector.head, batch.boxes)
+    exact = FeatureSpace.from_basis(np.full(70, 0.1, np.float32), np.eye(64, 70, dtype=np.float32))
+    once = Criterion(exact, replace(LOSS, box_weight=1.0), replace(SHIPPED.distillation, weight=1.0))
+    more = Criterion(exact, replace(LOSS, box_weight=3.0), replace(SHIPPED.distillation, weight=5.0))
+    one, other = (losses(detector, output, batch, truth, criterion) for criterion in (once, more))
+    torch.testing.assert_close(other.objectness, one.objectness)
+    torch.testing.assert_close(other.box, 3 * one.box)
+    torch.testing.assert_close(other.heading, 3 * one.heading)
+    torch.testing.assert_close(other.distillation, 5 * one.distillation)
+    for part in (one, other):
+        torch.testing.assert_close(part.total, part.objectness + part.box + part.heading + part.distillation)
+    # Of the points that a camera sees, those of each sample alone.
+    prediction = detector.features(output, batch, batch.seen)
+    distance = 1 - exact.cosine(prediction, batch.feature)
+    is_first = batch.of_sample[batch.seen] == 0
+    mean = (distance[is_first].mean() + distance[~is_first].mean()) / 2
+    torch.testing.assert_close(one.distillation, mean)
+
+
+def test_a_network_without_the_head_has_no_loss_of_features() -> None:
+    torch.manual_seed(1)
+    detector = Detector(small_config(), False)
+    batch = collate([street(1)], detector.grid)
+    criterion = Criterion(space()[0], LOSS, SHIPPED.distillation)
+    part = losses(detector, detector(batch), batch, make_targets(detector.head, batch.boxes), criterion)
+    assert part.distillation.item() == 0
+    torch.testing.assert_close(part.total, part.objectness + part.box + part.heading)

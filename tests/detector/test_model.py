@@ -228,3 +228,34 @@ def test_a_grid_has_whole_eights_of_pillars() -> None:
 def test_wrong_settings_are_named(make, error, words) -> None:  # noqa: ANN001
     with pytest.raises(error, match=words):
         make()
+
+
+def test_a_pillar_is_the_maximum_over_its_points_by_a_plain_loop() -> None:
+    torch.manual_seed(2)
+    detector = Detector(small_config(), True)
+    sample = street(1)
+    batch = collate([street(2), sample], GRID)
+    with torch.inference_mode():
+        canvas = detector.pillars(batch)
+        points = batch.points[batch.of_sample == 1]
+        column, row = ((points[:, 0] + 12.8) / 0.4).long(), ((points[:, 1] + 6.4) / 0.4).long()
+        for i, j in {(int(column[n]), int(row[n])) for n in (0, 500, 1700, 2000)}:
+            here = points[(column == i) & (row == j)]
+            own = here * torch.tensor([1, 1, 0.5, 1, 1, 10])
+            own[:, 0] = (here[:, 0] + 12.8) / 0.4 - i - 0.5
+            own[:, 1] = (here[:, 1] + 6.4) / 0.4 - j - 0.5
+            center = torch.tensor([2 * i / 63 - 1, 2 * j / 31 - 1])
+            shared = detector.pillars.pillar(torch.cat([own[:, :3].mean(dim=0), center]))
+            maximum = detector.pillars.point(own).max(dim=0).values
+            expected = torch.relu(detector.pillars.norm(maximum + shared))
+            torch.testing.assert_close(canvas[1, :, i, j], expected, atol=1e-4, rtol=1e-4)
+        filled = set(zip(column.tolist(), row.tolist(), strict=True))
+        empty = next((i, j) for i in range(64) for j in range(32) if (i, j) not in filled)
+        assert (canvas[1, :, empty[0], empty[1]] == 0).all()
+
+
+@BOX_CODERS
+def test_before_training_one_anchor_in_a_hundred_is_an_object(box_coder: str) -> None:
+    output = output_of(fresh(box_coder), [street(1)])
+    assert torch.sigmoid(output.objectness).mean().item() == pytest.approx(0.01, rel=0.2)
+    assert output.residual.abs().max() < 1

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import SHIPPED
+from scenes import SHIPPED, shifted
 
+from upvl_cli.detector.config import AugmentationConfig, SamplingConfig
+from upvl_cli.detector.data.frames import DriveFrames, Source
+from upvl_cli.detector.data.sampler import frame_at
 from upvl_cli.detector.data.scene import Scene
 from upvl_cli.detector.data.sweeps import Trajectory, TwoSweeps
 from upvl_cli.detector.grid import Grid
@@ -101,3 +105,71 @@ def test_half_of_the_features_are_those_of_objects_however_small() -> None:
     large, small = (sample.seen < 100).sum(), ((sample.seen >= 100) & (sample.seen < 110)).sum()
     assert large + small == pytest.approx(4096 + 4096 * 110 / 20_000, abs=20)
     assert large / small == pytest.approx(np.sqrt(10), rel=0.1)
+
+
+def test_a_sweep_as_old_as_the_settings_allow_still_joins() -> None:
+    poses = np.array([np.eye(4)] * 2)
+    assert len(sweeps(poses, lambda _: points_at(WALL_M), every_ns=5 * 10**8).points(1)) == 6
+    assert len(sweeps(poses, lambda _: points_at(WALL_M), every_ns=5 * 10**8 + 1000).points(1)) == 3
+
+
+def test_intensity_and_elongation_stay_with_their_points() -> None:
+    points = Points(WALL_M, [0.1, 0.2, 0.3], [0.4, 0.5, 0.6], [0, 0, 0], [0, 0, 0])
+    found = sweeps(np.array([np.eye(4)] * 2), lambda _: points).points(1)
+    np.testing.assert_allclose(found[:3, 3:5], [[0.1, 0.4], [0.2, 0.5], [0.3, 0.6]], rtol=1e-6)
+    np.testing.assert_allclose(found[3:, 3:5], found[:3, 3:5])
+
+
+def test_the_first_point_of_a_voxel_of_the_older_sweep_stays() -> None:
+    line = np.column_stack([np.arange(-0.95, 1, 0.1), np.full(20, 0.1), np.full(20, 0.1)])
+    found = sweeps(np.array([np.eye(4)] * 2), lambda _: points_at(line)).points(1)
+    np.testing.assert_allclose(found[20:, 0], line[::2, 0], atol=1e-6)  # voxels of 0.2 m
+
+
+def test_the_number_and_the_share_of_features_are_those_of_the_settings() -> None:
+    points = np.zeros((1000, 6), dtype=np.float32)
+    points[:, 0] = np.linspace(-5, 5, len(points))
+    box = Boxes.from_rows(np.array([[-4.0, 0, 0, 1, 1, 1, 0]]))  # a tenth of the points
+    whole = Scene.of_frame(points, np.arange(1000), np.zeros((1000, 64), np.int8), box, np.zeros((1, 3)))
+    for share, expected in ((1.0, 200), (0.5, 110), (0.0, 20)):
+        config = SamplingConfig(features_per_frame=200, box_share=share)
+        sample = whole.sample(GRID, lambda c: c * 1.0, config, np.random.default_rng(0))
+        x = sample.points[sample.seen, 0]
+        assert len(x) == 200
+        assert ((x >= -4.5) & (x <= -3.5)).sum() == pytest.approx(expected, abs=12)
+
+
+def test_the_grid_holds_its_near_ends_and_not_its_far_ends() -> None:
+    ends = np.array([[-50.0, 0, 0], [0, -20, 0], [0, 0, -1], [50, 0, 0], [0, 20, 0], [0, 0, 5]])
+    assert GRID.contains(ends).tolist() == [True] * 3 + [False] * 3
+
+
+def test_of_each_drive_the_end_is_held_out_and_labels_stand_above_the_road() -> None:
+    labels = Boxes.from_rows(np.array([[10.0, 3, -1.0, 4, 2, 1.5, 0.3]]))
+
+    def source(drive: str) -> Source:
+        # The first point of each frame tells its drive and its number.
+        number = {"a": 0, "b": 100}[drive]
+        read = lambda frame: points_at(np.array([[(number + frame) / 10, 0, 0.0]]))  # noqa: E731
+        two = sweeps(np.array([np.eye(4)] * 10), read, ground_z_m=-2.0)
+        none = np.zeros(0, np.int64), np.zeros((0, 64), np.int8)
+        return Source(two, lambda frame: none, lambda frame: (labels, np.ones((1, 3))))
+
+    still = replace(
+        SHIPPED,
+        held_out=0.3,
+        augmentation=AugmentationConfig(
+            mirror_probability=0.0, max_turn_rad=0.0, scale_jitter=0.0, pasted_objects=0
+        ),
+    )
+    frames = DriveFrames({"a": 10, "b": 4}, source, grid=GRID, values=lambda c: c * 1.0, config=still)
+    assert (frames.train, frames.held_out) == (7 + 3, 3 + 1)
+    first = [round(frames.unchanged(number).points[0, 0] * 10) for number in range(14)]
+    assert first == [*range(7), 100, 101, 102, 7, 8, 9, 103]
+    np.testing.assert_allclose(frames.unchanged(0).boxes.to_rows(), [[10, 3, 1.0, 4, 2, 1.5, 0.3]])
+    number = frame_at(5, 10, still.seed)
+    more = {number: shifted(labels, x=5, z=2)}
+    sample = frames.augmented(5, more)
+    assert round(sample.points[0, 0] * 10) == first[number]
+    np.testing.assert_allclose(sample.boxes.center_m, [[10, 3, 1], [15, 3, 1]])
+    assert len(frames.augmented(6, more).boxes) == 1

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from math import pi
+from dataclasses import replace
+from math import cos, exp, log, pi, sin
 
 import numpy as np
 import pytest
-from scenes import BOXES, CODERS, small_head
+from scenes import BOXES, CODERS, SHIPPED, shifted, small_head
 
 from upvl_cli.detector.assignment import assign_by_overlap
 from upvl_cli.detector.heads.base import decode, encode
 from upvl_cli.detector.targets import make_targets
 from upvl_cli.geometry.iou import iou_bev
-from upvl_cli.types import Boxes, empty
+from upvl_cli.types import Boxes, concat, empty
 
 HEADS = pytest.mark.parametrize("box_coder", CODERS)
 POSITIVE_IOU, NEGATIVE_IOU = 0.35, 0.25
@@ -122,3 +123,107 @@ def test_a_cell_beside_the_middle_is_excused_by_how_near_it_is() -> None:
     assert weight[17, 8] < weight[18, 8] < weight[19, 8] < 1  # along it
     assert weight[17, 8] < weight[16, 9]  # a step across leaves it sooner than a step along
     assert weight[26, 8] > 0.999
+
+
+def test_thresholds_belong_to_the_side_that_the_settings_name() -> None:
+    anchors = small_head("anchors").anchors
+    boxes = BOXES[:1]
+    overlap = iou_bev(anchors, boxes)[:, 0]
+    best, second, third = np.argsort(-overlap, kind="stable")[:3]
+    assert overlap[second] > overlap[third] > 0
+    at = assign_by_overlap(anchors, boxes, positive_iou=overlap[second], negative_iou=overlap[third])
+    assert at.anchor.tolist() == sorted([best, second])  # from positive_iou on
+    assert at.weight[third] == 0  # from negative_iou on it is ignored
+    above = assign_by_overlap(
+        anchors, boxes, positive_iou=overlap[second] * 1.001, negative_iou=overlap[third] * 1.001
+    )
+    assert above.anchor.tolist() == [best]
+    assert above.weight[second] == 0
+    assert above.weight[third] == 1
+
+
+def test_of_two_boxes_on_one_anchor_the_later_has_it() -> None:
+    for box_coder in CODERS:
+        head = small_head(box_coder)
+        twice = concat([BOXES[:1], BOXES[:1]], Boxes)
+        assert set(head.assign(twice).box) in ({1}, {0, 1})
+        alone = head.assign(BOXES[:1])
+        assignment = head.assign(twice)
+        best = iou_bev(head.anchors[assignment.anchor], BOXES[:1])[:, 0].argmax()
+        assert assignment.box[best] == 1
+        assert assignment.anchor.tolist() == alone.anchor.tolist()
+
+
+def test_an_anchor_takes_the_box_that_it_overlaps_most() -> None:
+    anchor = Boxes.from_rows(np.array([[0.0, 0, 0, 4, 2, 1, 0]]))
+    anchors = concat([anchor, shifted(anchor, x=0.2), shifted(anchor, x=1.0)], Boxes)
+    first, last = anchors[:1], anchors[2:]
+    assert assign_by_overlap(anchors, concat([first, last], Boxes), 0.35, 0.25).box.tolist() == [0, 0, 1]
+    assert assign_by_overlap(anchors, concat([last, first], Boxes), 0.35, 0.25).box.tolist() == [1, 1, 0]
+
+
+def test_residuals_by_hand() -> None:
+    head = small_head("anchors")
+    anchor = Boxes.from_rows(np.array([[1.0, 2, 3, 4, 3, 2, 0.5]]))  # its diagonal is 5
+    box = Boxes.from_rows(np.array([[6.0, -8, 4, 8, 1.5, 2, 0.7]]))
+    np.testing.assert_allclose(encode(head, anchor, box), [[1, -2, 0.5, log(2), -log(2), 0, 0.2, 0]])
+
+
+@pytest.mark.parametrize(
+    ("heading", "angle", "looks_back"),
+    [
+        (0.5, 0.0, 0),
+        (0.5 + 0.4, 0.4, 0),
+        (0.5 + pi - 0.3, -0.3, 1),
+        (0.5 - 2.0, pi - 2.0, 1),
+        (0.5 + 1.5, 1.5, 0),
+        (0.5 + 2 * pi + 0.1, 0.1, 0),
+    ],
+)
+def test_a_heading_is_an_angle_and_a_direction(heading: float, angle: float, looks_back: int) -> None:
+    head = small_head("anchors")
+    anchor = Boxes.from_rows(np.array([[0.0, 0, 0, 4, 2, 1, 0.5]]))
+    box = replace(anchor, heading_rad=np.array([heading]))
+    code = head.encode_heading(anchor, box)
+    np.testing.assert_allclose(code, [[angle, looks_back]], atol=1e-12)
+    # The network gives logits: above 0 the box looks the other way.
+    for logit in (0.01, -0.01):
+        decoded = head.decode_heading(anchor, np.array([[angle, logit]]))[0]
+        turn = heading - decoded + (pi if (logit > 0) != bool(looks_back) else 0)
+        assert abs(np.sin(turn / 2)) < 1e-12
+
+
+def test_center_cells_and_weights_by_a_plain_loop() -> None:
+    head, config = small_head("centers"), SHIPPED.model.centers
+    boxes = concat([BOXES, shifted(BOXES[:1], x=0.01)], Boxes)
+    assignment = head.assign(boxes)
+    expected = {}
+    for number, (x, y, _) in enumerate(boxes.center_m):
+        expected[int((x + 12.8) // 0.8) * 16 + int((y + 6.4) // 0.8)] = number
+    assert dict(zip(assignment.anchor.tolist(), assignment.box.tolist(), strict=True)) == expected
+    for cell in (0, 77, 200, 300, 511):
+        weight = 1.0
+        for box in boxes.to_rows():
+            dx, dy = head.anchors.center_m[cell, :2] - box[:2]
+            along, across = dx * cos(box[6]) + dy * sin(box[6]), dy * cos(box[6]) - dx * sin(box[6])
+            square = (along / box[3]) ** 2 + (across / box[4]) ** 2
+            weight = min(weight, (1 - exp(-square / (2 * config.heatmap_sigma**2))) ** 4)
+        if cell not in expected:
+            assert assignment.weight[cell] == pytest.approx(weight, rel=1e-5)
+    outside = head.assign(shifted(BOXES[:1], x=100))
+    assert outside.anchor // 16 == 31  # a box beyond the grid stands in its last cell
+
+
+def test_anchors_stand_on_the_ground_in_all_sizes_and_two_headings() -> None:
+    head, config = small_head("anchors"), SHIPPED.model.anchors
+    cell = head.anchors[:8]
+    assert head.anchors_per_cell == 8
+    np.testing.assert_allclose(cell.center_m[:, 2], cell.size_lwh_m[:, 2] / 2)
+    np.testing.assert_allclose(cell.heading_rad, [0, pi / 2] * 4)
+    sizes = np.column_stack([config.length_m, config.width_m, config.height_m])
+    np.testing.assert_allclose(cell.size_lwh_m, np.repeat(sizes, 2, axis=0))
+    rest = SHIPPED.model.centers
+    np.testing.assert_allclose(
+        small_head("centers").anchors.to_rows()[5, 2:],
+        [rest.center_z_m, rest.length_m, rest.width_m, rest.height_m, 0],
+    )

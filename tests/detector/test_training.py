@@ -19,8 +19,9 @@ from upvl_cli.detector.data.batch import Sample
 from upvl_cli.detector.data.sampler import frame_at
 from upvl_cli.detector.loss import FeatureSpace
 from upvl_cli.detector.model import Detector
-from upvl_cli.detector.process_group import ProcessGroup
-from upvl_cli.detector.train import TrainSetup, train
+from upvl_cli.detector.process_group import ProcessGroup, half_precision
+from upvl_cli.detector.train import TrainSetup, learning_rate_at, train
+from upvl_cli.geometry.iou import iou_bev
 from upvl_cli.types import Boxes
 
 CONFIG = replace(
@@ -158,3 +159,75 @@ def test_two_processes_learn_as_one(undisturbed: TrainState, tmp_path: Path) -> 
     curve, checks = json.loads(out.read_text())
     np.testing.assert_allclose(curve, undisturbed.curve, rtol=1e-5, atol=1e-6)
     np.testing.assert_allclose(checks, undisturbed.checks, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("step", "expected"),
+    [(0, 0.5), (1, 1.0), (2, 1.0), (21, 0.5), (39, (1 + np.cos(np.pi * 37 / 38)) / 2)],
+)
+def test_the_learning_rate_rises_in_a_line_and_falls_in_half_a_cosine(step: int, expected: float) -> None:
+    config = replace(
+        CONFIG, steps=40, optimizer=replace(CONFIG.optimizer, learning_rate=0.2, warm_up_share=0.05)
+    )
+    assert learning_rate_at(step, config) == pytest.approx(0.2 * expected)
+
+
+def test_half_precision_is_asked_of_devices_that_have_it() -> None:
+    device = torch.device("cpu")
+    assert not half_precision(device, enabled=False)._enabled
+    has_units = torch.cpu.get_capabilities().get("amx_bf16", False)
+    assert half_precision(device, enabled=True)._enabled == has_units
+
+
+class Fewer(Streets):
+    """One frame to train on, none held out."""
+
+    train, held_out = 1, 0
+
+
+def checks_of(config: TrainConfig, frames: Streets) -> tuple[TrainState, list[np.ndarray]]:
+    """The end of a training, and the weights at each check."""
+    setup = replace(setup_of(config), frames=frames)
+    weights: list[np.ndarray] = []
+    state = train(setup, TrainState(), save=lambda s: weights.append(pack_weights(s.model)), tick=nothing)
+    return state, weights
+
+
+def test_the_best_weights_change_only_when_the_held_out_loss_is_lower() -> None:
+    wild = replace(
+        CONFIG, steps=4, batch=1, check_steps=1, optimizer=replace(CONFIG.optimizer, learning_rate=0.3)
+    )
+    state, weights = checks_of(wild, Streets())
+    losses = [loss for _, loss in state.checks]
+    lowest = int(np.argmin(losses))
+    assert lowest < len(losses) - 1, losses
+    np.testing.assert_array_equal(pack_weights(state.best), weights[lowest])
+    assert state.lowest_loss == losses[lowest]
+
+
+def test_without_held_out_frames_the_last_weights_are_the_best() -> None:
+    state, weights = checks_of(replace(CONFIG, steps=3, batch=1), Fewer())
+    assert state.checks == []
+    np.testing.assert_array_equal(pack_weights(state.best), weights[-1])
+    assert len(weights) == 2  # at step 2 and at the end
+
+
+def test_pseudo_labels_overlap_no_label() -> None:
+    self_training = replace(CONFIG.self_training, rounds=2)
+    state, _ = checks_of(replace(CONFIG, steps=1, batch=1, self_training=self_training), Fewer())
+    assert len(state.pseudo_labels[0]) > 3
+    assert (iou_bev(state.pseudo_labels[0], street(0).boxes) == 0).all()
+
+
+def test_a_gradient_is_cut_and_weights_decay_as_the_settings_say() -> None:
+    def change(**values: float) -> float:
+        config = replace(CONFIG, steps=1, batch=1, optimizer=replace(CONFIG.optimizer, **values))
+        setup = replace(setup_of(config), frames=Fewer())
+        before = setup.detector.backbone.mix.conv.weight.detach().clone()
+        train(setup, TrainState(), save=nothing, tick=nothing)
+        after = setup.detector.backbone.mix.conv.weight.detach()
+        return float((after - before).norm())
+
+    whole = change()
+    assert change(max_gradient_norm=1e-9) < 0.5 * whole  # AdamW's epsilon then outweighs the gradient
+    assert change(weight_decay=1.0) != whole
