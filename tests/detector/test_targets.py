@@ -227,3 +227,21 @@ def test_anchors_stand_on_the_ground_in_all_sizes_and_two_headings() -> None:
         small_head("centers").anchors.to_rows()[5, 2:],
         [rest.center_z_m, rest.length_m, rest.width_m, rest.height_m, 0],
     )
+
+
+def test_an_anchor_between_two_boxes_takes_the_first() -> None:
+    anchor = Boxes.from_rows(np.array([[0.0, 0, 0, 4, 2, 1, 0]]))
+    anchors = concat([anchor, shifted(anchor, x=1), shifted(anchor, x=2)], Boxes)
+    overlap = iou_bev(anchors, anchors[[0, 2]])[1]
+    assert overlap[0] == overlap[1]
+    assert assign_by_overlap(anchors, anchors[[0, 2]], 0.35, 0.25).box.tolist() == [0, 0, 1]
+
+
+def test_anchors_beside_a_box_are_ignored_on_all_sides() -> None:
+    box = Boxes.from_rows(np.array([[0.0, 0, 0, 4, 4, 1, 0]]))
+    # By 2.3 m aside 1.7 m of 4 m are common: an overlap of 0.27.
+    sides = [shifted(box, x=-2.3), shifted(box, y=-2.3), box, shifted(box, y=2.3), shifted(box, x=2.3)]
+    assert assign_by_overlap(concat(sides, Boxes), box, 0.35, 0.25).weight.tolist() == [0, 0, 1, 0, 0]
+    long = Boxes.from_rows(np.array([[0.0, 0, 0, 4, 1, 1, 0]]))
+    ends = concat([shifted(long, x=-2.3), long, shifted(long, x=2.3)], Boxes)
+    assert assign_by_overlap(ends, long, 0.35, 0.25).weight.tolist() == [0, 1, 0]
