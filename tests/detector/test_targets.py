@@ -26,14 +26,16 @@ def random_boxes(seed: int, count: int) -> Boxes:
     return Boxes(centre, rng.uniform(0.4, 12, (count, 3)), rng.uniform(-pi, pi, count))
 
 
-def slowly(anchors: Boxes, boxes: Boxes) -> tuple[list[float], dict[int, int]]:
+def slowly(
+    anchors: Boxes, boxes: Boxes, positive_iou: float = POSITIVE_IOU, negative_iou: float = NEGATIVE_IOU
+) -> tuple[list[float], dict[int, int]]:
     """The rules one by one, on the whole matrix of overlaps."""
     iou = iou_bev(anchors, boxes)
     weight, owner = [], {}
     for anchor, row in enumerate(iou):
         best = max(row, default=0)
-        weight.append(0.0 if NEGATIVE_IOU <= best < POSITIVE_IOU else 1.0)
-        if best >= POSITIVE_IOU:
+        weight.append(0.0 if negative_iou <= best < positive_iou else 1.0)
+        if best >= positive_iou:
             owner[anchor] = list(row).index(best)
     for box, column in enumerate(iou.T):
         distance = [np.hypot(*(center[:2] - boxes.center_m[box, :2])) for center in anchors.center_m]
@@ -245,3 +247,26 @@ def test_anchors_beside_a_box_are_ignored_on_all_sides() -> None:
     long = Boxes.from_rows(np.array([[0.0, 0, 0, 4, 1, 1, 0]]))
     ends = concat([shifted(long, x=-2.3), long, shifted(long, x=2.3)], Boxes)
     assert assign_by_overlap(ends, long, 0.35, 0.25).weight.tolist() == [0, 1, 0]
+
+
+@pytest.mark.parametrize(("positive_iou", "negative_iou"), [(0.35, 0.25), (0.6, 0.45), (0.9, 0.9)])
+def test_assignment_to_anchors_of_any_heading_is_that_of_a_plain_loop(
+    positive_iou: float, negative_iou: float
+) -> None:
+    boxes = random_boxes(10, 8)
+    near = [shifted(boxes, x=0.1 * step, y=-0.05 * step) for step in range(5)]
+    anchors = concat([random_boxes(1, 100), *near], Boxes)
+    anchors = anchors[np.argsort(anchors.center_m[:, 0])]
+    weight, owner = slowly(anchors, boxes, positive_iou, negative_iou)
+    given = assign_by_overlap(anchors, boxes, positive_iou, negative_iou)
+    assert given.weight.tolist() == weight
+    assert dict(zip(given.anchor.tolist(), given.box.tolist(), strict=True)) == owner
+    assert len(owner) > len(boxes) or positive_iou == 0.9
+
+
+def test_a_box_takes_an_anchor_that_it_hardly_touches_before_a_nearer_one_that_it_does_not() -> None:
+    box = Boxes.from_rows(np.array([[0.0, 0, 0, 4, 4, 1, pi / 4]]))  # a corner reaches 2.83 m along x
+    beside = Boxes.from_rows(np.array([[3.5, 3.5, 0, 0.1, 0.1, 1, 0]]))
+    anchors = concat([beside, shifted(box, x=5.2)], Boxes)
+    assert 0 < iou_bev(anchors, box)[1, 0] < 0.01
+    assert assign_by_overlap(anchors, box, 0.35, 0.25).anchor.tolist() == [1]
