@@ -90,6 +90,7 @@ def test_a_wild_size_stays_finite() -> None:
 def test_the_bounds_of_score_and_overlap_belong_to_what_stays() -> None:
     assert len(decoded(BOXES[:2], [0.5, 0.4], min_score=0.5)) == 1  # the logit of 0.5 is 0: no rounding
     both = decoded(concat([BOXES[:1], shifted(BOXES[:1], x=0.5)], Boxes), [0.9, 0.8], nms_iou=1.0)
+    assert len(both) == 2
     overlap = float(iou_bev(both[:1], both[1:])[0, 0])
     pair = concat([BOXES[:1], shifted(BOXES[:1], x=0.5)], Boxes)
     assert len(decoded(pair, [0.9, 0.8], nms_iou=overlap)) == 2

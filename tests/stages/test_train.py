@@ -59,7 +59,10 @@ def copied(source: Path, folder: Path) -> Path:
 
 def table(folder: Path, stage: str) -> Table:
     return Table(
-        folder / "out" / stage / f"{WHOLE_DATASET if PIPELINE.by_name[stage].whole else SEGMENT}.parquet",
+        folder
+        / "out"
+        / stage
+        / f"{WHOLE_DATASET if PIPELINE.by_name[stage].scope == 'dataset' else SEGMENT}.parquet",
         PIPELINE.by_name[stage].row,
     )
 
