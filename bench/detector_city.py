@@ -11,7 +11,6 @@ asked in more drives of val than are labelled, as they need no picture: kinds th
 from __future__ import annotations
 
 import argparse
-import json
 import subprocess
 import sys
 import tempfile
@@ -53,7 +52,11 @@ def main() -> None:
     parser.add_argument("--steps", type=int, help="instead of those of the preset")
     parser.add_argument("--seeds", type=int, nargs="+", default=[0])
     parser.add_argument(
-        "--distil", type=float, nargs="+", default=[0.0, 1.0], help="weights; the last is asked"
+        "--distillation",
+        type=float,
+        nargs="+",
+        default=[0.0, 1.0],
+        help="weights, 0 for none; the last is asked",
     )
     parser.add_argument("--moving-only", action="store_true")
     options = parser.parse_args()
@@ -69,10 +72,10 @@ def main() -> None:
         print(f"{'':28} AP@0.4  AP@0.5  moving@0.4  mAP@0.4 by name (vehicles, VRU)")
         _scored(folder, scored, "auto labels", "nms")
         for seed in options.seeds:
-            for distil in [0.0] if options.moving_only else options.distil:
-                _learn(folder, options.steps, distil, seed)
+            for weight in [0.0] if options.moving_only else options.distillation:
+                _train(folder, options.steps, weight, seed)
                 _upvl(folder, ["detect"], scored)
-                _scored(folder, scored, f"detector, distil {distil:g}, seed {seed}", "detect")
+                _scored(folder, scored, f"detector, distillation {weight:g}, seed {seed}", "detect")
         if not options.moving_only:
             for stage in ("odometry", "ground", "detect") if more else ():
                 _upvl(folder, [stage], more)
@@ -87,18 +90,16 @@ def _upvl(folder: Path, arguments: list[str], segments: list[str]) -> None:
     subprocess.run(command, cwd=folder, check=True, stdout=subprocess.DEVNULL)
 
 
-def _learn(folder: Path, steps: int | None, distil: float, seed: int) -> None:
+def _train(folder: Path, steps: int | None, weight: float, seed: int) -> None:
     presets = folder / "stages" / "presets"
-    values = {
-        **tomllib.loads((presets / "small" / "train.toml").read_text()),
-        "drives": ["train-*"],
-        "distil": distil,
-        "seed": seed,
-        **({"steps": steps, "check_steps": max(steps // 6, 1)} if steps else {}),
-    }
+    small = tomllib.loads((presets / "small" / "train.toml").read_text())
+    if steps:
+        small |= {"steps": steps, "check_steps": max(steps // 6, 1)}
+    lines = ['drives = ["train-*"]', f"seed = {seed}", *(f"{key} = {value}" for key, value in small.items())]
+    lines += ["[distillation]", "enabled = " + ("true" if weight else "false")]
+    lines += [f"weight = {weight}"] if weight else []
     (presets / "bench").mkdir(exist_ok=True)
-    lines = [f"{key} = {json.dumps(value)}\n" for key, value in values.items()]
-    (presets / "bench" / "train.toml").write_text("".join(lines))
+    (presets / "bench" / "train.toml").write_text("\n".join(lines) + "\n")
     _upvl(folder, ["train", "--preset", "bench"], [])
 
 

@@ -10,19 +10,27 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import torch
 
-from upvl_cli.detector.batch import Batch, Grid, Sample, collate
-from upvl_cli.detector.decode import detections
-from upvl_cli.detector.model import HEADS, Detector, Output
-from upvl_cli.detector.together import half_precision
+from upvl_cli.config.toml import load
+from upvl_cli.detector.config import DecodeConfig, TrainConfig
+from upvl_cli.detector.data.batch import Batch, Sample, collate
+from upvl_cli.detector.decode import Detections, decode_output
+from upvl_cli.detector.grid import Grid
+from upvl_cli.detector.model import Detector, Output
+from upvl_cli.detector.process_group import half_precision
 from upvl_cli.geometry.boxes import pairs_inside
 
-GRID = Grid((-50.0, 50.0), (-20.0, 20.0), (-2.0, 4.0), 0.24)  # UP-VL's view, and the pillars that ship
+TRAIN = load(TrainConfig, Path(__file__).parents[1] / "stages" / "train.toml")
+VIEW = replace(TRAIN.grid, z_min_m=-2.0, z_max_m=4.0)  # UP-VL's view, and the pillars that ship
+GRID = Grid.of(VIEW)
+BOX_CODERS = ("anchors", "centers")
 POINTS = 150_000
-BOXES = 100
+DECODING = DecodeConfig(min_score=0.0, max_boxes=100, nms_iou=0.2, candidates_per_box=10)
 LEAST_PER_S = {"cpu": 8.0, "cuda": 200.0}
 MOST_SHARE = 0.05
 RUNS = 20
@@ -33,7 +41,7 @@ def street(rng: np.random.Generator) -> np.ndarray:
     many = 4 * POINTS
     far, turn = rng.exponential(18.0, many), rng.uniform(-np.pi, np.pi, many)
     xyz = np.column_stack([far * np.cos(turn), far * np.sin(turn), rng.exponential(0.7, many)])
-    xyz = xyz[GRID.holds(xyz)][:POINTS]
+    xyz = xyz[GRID.contains(xyz)][:POINTS]
     rest = rng.uniform(size=(POINTS, 2)), np.repeat([0.0, -0.1], POINTS // 2)
     return np.column_stack([xyz, *rest]).astype(np.float32)
 
@@ -58,27 +66,27 @@ def report(name: str, figure: str, bar: str, passed: bool) -> bool:
 
 
 @torch.inference_mode()
-def measured(encoder: str, width: int, device: str) -> list[bool]:
+def measure(box_coder: str, width: int, device: str) -> list[bool]:
     """Report one network on one device."""
     torch.manual_seed(1)
     points = street(np.random.default_rng(1))
-    detector = Detector(GRID, width, encoder, True).to(device).eval()
+    config = replace(TRAIN.detector, grid=VIEW, model=replace(TRAIN.model, box_coder=box_coder, width=width))
+    detector = Detector(config, True).to(device).eval()
 
-    def read() -> tuple[Batch, Output, np.ndarray]:
-        batch = collate([Sample.of_points(points)], GRID).to(device)
-        with half_precision(torch.device(device), wanted=True):
+    def read() -> tuple[Batch, Output, Detections]:
+        batch = collate([Sample.from_points(points)], GRID).to(device)
+        with half_precision(torch.device(device), enabled=True):
             output = detector(batch)
-        found = detections(detector, output, min_score=0.0, max_boxes=BOXES, nms_iou=0.2)[0]
-        return batch, output, found.seven
+        return batch, output, decode_output(detector, output, DECODING)[0]
 
-    batch, output, seven = read()
-    held = np.unique(pairs_inside(points[:, :3], seven, margin_m=0.0)[1])
+    batch, output, boxes = read()
+    held = np.unique(pairs_inside(points[:, :3], boxes, margin_m=0.0)[1])
     rows = torch.from_numpy(held).to(device)
     # Without distillation the rest is the same network: features are computed only where they are asked for.
     boxes_s, features_s = best_seconds([read, lambda: detector.features(output, batch, rows).cpu()], device)
     whole_s, least = boxes_s + features_s, LEAST_PER_S[device]
     share = features_s / whole_s
-    name = f"{encoder} {width} {device}"
+    name = f"{box_coder} {width} {device}"
     return [
         report(f"{name}, frames", f"{1 / whole_s:.1f}/s", f">= {least:.0f}/s", 1 / whole_s >= least),
         report(
@@ -98,7 +106,7 @@ def main() -> int:
     chosen = parser.parse_args()
     torch.set_num_threads(chosen.threads)
     devices = ["cpu"] + ["cuda"] * torch.cuda.is_available()
-    passed = [measured(encoder, chosen.width, device) for device in devices for encoder in HEADS]
+    passed = [measure(box_coder, chosen.width, device) for device in devices for box_coder in BOX_CODERS]
     return 0 if all(sum(passed, [])) else 1
 
 

@@ -18,7 +18,7 @@ TINY_TRAINING = {
     "check_steps": "2",
     "width": "8",
     "pillar_m": "0.8",
-    "paste": "1",
+    "pasted_objects": "1",
     "batch": "1",
 }
 UPVL = Path(sys.executable).with_name("upvl")

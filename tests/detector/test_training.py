@@ -5,46 +5,61 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from scenes import SMALL, street
+from scenes import SHIPPED, small_config, street
 
-from upvl_cli.detector.batch import Sample
-from upvl_cli.detector.checkpoint import State, keep, packed, resume
-from upvl_cli.detector.loss import Space
+from upvl_cli.detector.checkpoint import TrainState, load_checkpoint, pack_weights, save_checkpoint
+from upvl_cli.detector.config import TrainConfig
+from upvl_cli.detector.data.batch import Sample
+from upvl_cli.detector.data.sampler import frame_at
+from upvl_cli.detector.loss import FeatureSpace
 from upvl_cli.detector.model import Detector
-from upvl_cli.detector.sampler import item
-from upvl_cli.detector.together import Team
-from upvl_cli.detector.training import Lesson, Plan, learn
+from upvl_cli.detector.process_group import ProcessGroup, half_precision
+from upvl_cli.detector.train import TrainSetup, learning_rate_at, train
+from upvl_cli.geometry.iou import iou_bev
+from upvl_cli.types import Boxes
 
-PLAN = Plan(steps=6, batch=2, rate=0.01, distil=1.0, check_steps=2, rounds=1, trust=0.0, seed=3, half=False)
-ALONE = Team(0, 1, torch.device("cpu"))
+CONFIG = replace(
+    SHIPPED,
+    steps=6,
+    batch=2,
+    check_steps=2,
+    seed=3,
+    precision="full",
+    optimizer=replace(SHIPPED.optimizer, learning_rate=0.01),
+    self_training=replace(
+        SHIPPED.self_training, pseudo_label=replace(SHIPPED.self_training.pseudo_label, min_score=0.0)
+    ),
+)
+ALONE = ProcessGroup(0, 1, torch.device("cpu"))
 
 
 class Streets:
-    """Frames without a file: three to learn from, one held out (`training.Frames`)."""
+    """Frames without a file: three to train on, one held out (`train.Frames`)."""
 
     train, held_out = 3, 1
 
     def __init__(self) -> None:
-        self.found: list[int] = []
+        self.pseudo_labelled: list[int] = []
 
-    def plain(self, number: int) -> Sample:
+    def unchanged(self, number: int) -> Sample:
         return street(number)
 
-    def changed(self, at: int, found: Mapping[int, np.ndarray]) -> Sample:
-        number = item(at, self.train, PLAN.seed)
-        self.found += [number] * (number in found)
+    def augmented(self, index: int, pseudo_labels: Mapping[int, Boxes]) -> Sample:
+        number = frame_at(index, self.train, CONFIG.seed)
+        self.pseudo_labelled += [number] * (number in pseudo_labels)
         return street(number)
 
 
-def lesson(plan: Plan = PLAN, team: Team = ALONE) -> Lesson:
-    torch.manual_seed(plan.seed)
-    space = Space.of(np.full(70, 0.1, np.float32), np.eye(64, 70, dtype=np.float32))
-    return Lesson(Detector(SMALL, 8, "anchors", True), Streets(), space, plan, team)
+def setup_of(config: TrainConfig = CONFIG, group: ProcessGroup = ALONE) -> TrainSetup:
+    torch.manual_seed(config.seed)
+    space = FeatureSpace.from_basis(np.full(70, 0.1, np.float32), np.eye(64, 70, dtype=np.float32))
+    return TrainSetup(Detector(small_config(), True), Streets(), space, config, group)
 
 
 def nothing(*_: object) -> None:
@@ -52,11 +67,11 @@ def nothing(*_: object) -> None:
 
 
 @pytest.fixture(scope="module")
-def undisturbed() -> State:
-    return learn(lesson(), State(), keep=nothing, tick=nothing)
+def undisturbed() -> TrainState:
+    return train(setup_of(), TrainState(), save=nothing, tick=nothing)
 
 
-def test_the_loss_falls_and_the_rate_rises_and_falls(undisturbed: State) -> None:
+def test_the_loss_falls_and_the_rate_rises_and_falls(undisturbed: TrainState) -> None:
     rate, total = np.array(undisturbed.curve)[:, :2].T
     assert len(rate) == undisturbed.step == 6
     assert total[-1] < 0.7 * total[0]
@@ -66,11 +81,11 @@ def test_the_loss_falls_and_the_rate_rises_and_falls(undisturbed: State) -> None
     )
     steps, checks = np.array(undisturbed.checks).T
     assert steps.tolist() == [2, 4, 6]
-    assert undisturbed.lowest == checks.min()
+    assert undisturbed.lowest_loss == checks.min()
 
 
 @pytest.mark.parametrize("stop", [1, 3, 5, 6])
-def test_a_stopped_run_goes_on_to_the_same_bytes(undisturbed: State, tmp_path: Path, stop: int) -> None:
+def test_a_stopped_run_goes_on_to_the_same_bytes(undisturbed: TrainState, tmp_path: Path, stop: int) -> None:
     path = tmp_path / "checkpoint.safetensors"
     left = [stop]
 
@@ -80,29 +95,30 @@ def test_a_stopped_run_goes_on_to_the_same_bytes(undisturbed: State, tmp_path: P
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        learn(lesson(), State(), keep=lambda state: keep(path, state, "s"), tick=stopping)
-    begun = resume(path, "s")
+        train(setup_of(), TrainState(), save=lambda state: save_checkpoint(path, state, "s"), tick=stopping)
+    begun = load_checkpoint(path, "s")
     assert (begun.step if begun else 0) == stop // 2 * 2
     torch.manual_seed(99)  # no hidden state counts
-    again = learn(lesson(), begun or State(), keep=nothing, tick=nothing)
-    np.testing.assert_array_equal(packed(again.best), packed(undisturbed.best))
+    again = train(setup_of(), begun or TrainState(), save=nothing, tick=nothing)
+    np.testing.assert_array_equal(pack_weights(again.best), pack_weights(undisturbed.best))
     assert again.curve == undisturbed.curve
     assert again.checks == undisturbed.checks
 
 
 def test_a_second_round_learns_from_what_the_first_found() -> None:
-    one = lesson(Plan(**{**vars(PLAN), "rounds": 2, "steps": 2}))
-    state = learn(one, State(), keep=nothing, tick=nothing)
+    self_training = replace(CONFIG.self_training, rounds=2)
+    one = setup_of(replace(CONFIG, steps=2, self_training=self_training))
+    state = train(one, TrainState(), save=nothing, tick=nothing)
     assert state.step == 4
-    assert one.frames.found  # trust 0: something is found in each frame
-    assert {boxes.shape[1] for boxes in state.found.values()} == {7}
-    first = learn(lesson(Plan(**{**vars(PLAN), "steps": 2})), State(), keep=nothing, tick=nothing)
+    assert one.frames.pseudo_labelled  # with a score of 0 something is found in each frame
+    assert all(len(boxes) for boxes in state.pseudo_labels.values())
+    first = train(setup_of(replace(CONFIG, steps=2)), TrainState(), save=nothing, tick=nothing)
     assert state.curve[0] == first.curve[0]
 
 
 def test_each_frame_comes_once_a_turn_in_an_order_of_the_seed() -> None:
     def turn(number: int, seed: int) -> list[int]:
-        return [item(at, 10, seed) for at in range(10 * number, 10 * number + 10)]
+        return [frame_at(at, 10, seed) for at in range(10 * number, 10 * number + 10)]
 
     assert sorted(turn(0, 1)) == list(range(10))
     assert turn(1, 1) == turn(1, 1)
@@ -113,17 +129,17 @@ def test_each_frame_comes_once_a_turn_in_an_order_of_the_seed() -> None:
 TOGETHER = """
 import sys, json
 sys.path[:0] = {paths}
-from test_training import PLAN, State, learn, lesson, nothing, packed
-from upvl_cli.detector.together import team
-with team() as here:
-    assert here.size == 2
-    state = learn(lesson(PLAN, here), State(), keep=nothing, tick=nothing)
-    if here.rank == 0:
+from test_training import CONFIG, TrainState, nothing, setup_of, train
+from upvl_cli.detector.process_group import process_group
+with process_group() as group:
+    assert group.size == 2
+    state = train(setup_of(CONFIG, group), TrainState(), save=nothing, tick=nothing)
+    if group.rank == 0:
         open({out!r}, "w").write(json.dumps([state.curve, state.checks]))
 """
 
 
-def test_two_processes_learn_as_one(undisturbed: State, tmp_path: Path) -> None:
+def test_two_processes_learn_as_one(undisturbed: TrainState, tmp_path: Path) -> None:
     import json
 
     here = Path(__file__).parent
@@ -143,3 +159,74 @@ def test_two_processes_learn_as_one(undisturbed: State, tmp_path: Path) -> None:
     curve, checks = json.loads(out.read_text())
     np.testing.assert_allclose(curve, undisturbed.curve, rtol=1e-5, atol=1e-6)
     np.testing.assert_allclose(checks, undisturbed.checks, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("step", "expected"),
+    [(0, 0.5), (1, 1.0), (2, 1.0), (21, 0.5), (39, (1 + np.cos(np.pi * 37 / 38)) / 2)],
+)
+def test_the_learning_rate_rises_in_a_line_and_falls_in_half_a_cosine(step: int, expected: float) -> None:
+    config = replace(
+        CONFIG, steps=40, optimizer=replace(CONFIG.optimizer, learning_rate=0.2, warm_up_share=0.05)
+    )
+    assert learning_rate_at(step, config) == pytest.approx(0.2 * expected)
+
+
+def test_half_precision_is_asked_of_devices_that_have_it() -> None:
+    device = torch.device("cpu")
+    assert not half_precision(device, enabled=False)._enabled
+    has_units = torch.cpu.get_capabilities().get("amx_bf16", False)
+    assert half_precision(device, enabled=True)._enabled == has_units
+
+
+class Fewer(Streets):
+    """One frame to train on, none held out."""
+
+    train, held_out = 1, 0
+
+
+def checks_of(config: TrainConfig, frames: Streets) -> tuple[TrainState, list[np.ndarray]]:
+    """The end of a training, and the weights at each check."""
+    setup = replace(setup_of(config), frames=frames)
+    weights: list[np.ndarray] = []
+    state = train(setup, TrainState(), save=lambda s: weights.append(pack_weights(s.model)), tick=nothing)
+    return state, weights
+
+
+def test_the_best_weights_change_only_when_the_held_out_loss_is_lower() -> None:
+    # A learning rate that is too high by far at the third step.
+    wild = replace(CONFIG.optimizer, learning_rate=0.3, warm_up_share=0.99)
+    state, weights = checks_of(replace(CONFIG, steps=3, batch=1, check_steps=1, optimizer=wild), Streets())
+    losses = [loss for _, loss in state.checks]
+    lowest = int(np.argmin(losses))
+    assert lowest < len(losses) - 1, losses
+    np.testing.assert_array_equal(pack_weights(state.best), weights[lowest])
+    assert state.lowest_loss == losses[lowest]
+
+
+def test_without_held_out_frames_the_last_weights_are_the_best() -> None:
+    state, weights = checks_of(replace(CONFIG, steps=3, batch=1), Fewer())
+    assert state.checks == []
+    np.testing.assert_array_equal(pack_weights(state.best), weights[-1])
+    assert len(weights) == 2  # at step 2 and at the end
+
+
+def test_pseudo_labels_overlap_no_label() -> None:
+    self_training = replace(CONFIG.self_training, rounds=2)
+    state, _ = checks_of(replace(CONFIG, steps=1, batch=1, self_training=self_training), Fewer())
+    assert len(state.pseudo_labels[0]) > 3
+    assert (iou_bev(state.pseudo_labels[0], street(0).boxes) == 0).all()
+
+
+def test_a_gradient_is_cut_and_weights_decay_as_the_settings_say() -> None:
+    def change(**values: float) -> float:
+        config = replace(CONFIG, steps=1, batch=1, optimizer=replace(CONFIG.optimizer, **values))
+        setup = replace(setup_of(config), frames=Fewer())
+        before = setup.detector.backbone.mix.conv.weight.detach().clone()
+        train(setup, TrainState(), save=nothing, tick=nothing)
+        after = setup.detector.backbone.mix.conv.weight.detach()
+        return float((after - before).norm())
+
+    whole = change()
+    assert change(max_gradient_norm=1e-9) < 0.5 * whole  # AdamW's epsilon then outweighs the gradient
+    assert change(weight_decay=1.0) != whole

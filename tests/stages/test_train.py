@@ -1,4 +1,4 @@
-"""`describe`, `train` and `detect` whole, on the street: a tiny network, a few steps."""
+"""`pool-features`, `train` and `detect` whole, on the street: a tiny network, a few steps."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ pytestmark = pytest.mark.xdist_group("train")
 TINY = {
     "extract-vl__images": '"all"', "pca__images": "2", "detect__min_score": "0.0", "detect__max_boxes": "20",
     "train__steps": "6", "train__check_steps": "2", "train__width": "8", "train__pillar_m": "0.8",
-    "train__paste": "2", "train__batch": "2",
+    "train__pasted_objects": "2", "train__batch": "2",
 }  # fmt: skip
 
 
@@ -59,27 +59,31 @@ def copied(source: Path, folder: Path) -> Path:
 
 def table(folder: Path, stage: str) -> Table:
     return Table(
-        folder / "out" / stage / f"{WHOLE_DATASET if PIPELINE.by_name[stage].whole else SEGMENT}.parquet",
+        folder
+        / "out"
+        / stage
+        / f"{WHOLE_DATASET if PIPELINE.by_name[stage].scope == 'dataset' else SEGMENT}.parquet",
         PIPELINE.by_name[stage].row,
     )
 
 
 def test_a_label_has_the_features_of_its_points(labelled: Path) -> None:
-    described, labels, features, masks = (
+    summaries, labels, features, masks = (
         table(labelled, name) for name in ("pool-features", "nms", "extract-vl", "mask")
     )
     drive = Workspace(PIPELINE, labelled / "stages", labelled / "out").drive(SEGMENT)
     points = 0
     for frame in (0, 10):
-        row, of = described[frame], features[frame]
-        np.testing.assert_array_equal(row.seven, labels[frame].seven)
-        xyz = drive.points(frame).xyz_ego_m[of.state == SEEN]
-        is_own = masks[frame].background[of.state == SEEN] == 0
-        inside = points_inside(xyz, row.seven, margin_m=0.0) & is_own
-        for box in range(len(row.seven)):
-            np.testing.assert_array_equal(row.feature[row.of_box == box], of.feature[inside[box]])
+        row, of_points = summaries[frame], features[frame]
+        np.testing.assert_array_equal(row.boxes.to_rows(), labels[frame].boxes.to_rows())
+        xyz = drive.points(frame).xyz_ego_m[of_points.state == SEEN]
+        is_object = masks[frame].background[of_points.state == SEEN] == 0
+        inside = points_inside(xyz, row.boxes, margin_m=0.0) & is_object
+        for box in range(len(row.boxes)):
+            of_box = row.point_feature.values[row.point_feature.owner == box]
+            np.testing.assert_array_equal(of_box, of_points.feature[inside[box]])
             assert row.pooled[box].any() == inside[box].any()
-        points += len(row.of_box)
+        points += len(row.point_feature.values)
     assert points > 50
 
 
@@ -87,17 +91,19 @@ def test_labels_in_place_of_detections(labelled: Path) -> None:
     assert upvl(labelled, "detect", "--on", "labels").returncode == 0
     assert not (labelled / "out" / "detect").exists()
     assert "--on 'boxes': expected model or labels" in fails(labelled, "detect", "--on", "boxes")
-    assert "takes no settings" in fails(labelled, "detect", "--on", "labels", "--min-score", "0.5")
+    assert "takes no settings" in fails(labelled, "detect", "--on", "labels", "--decode-min-score", "0.5")
     assert "which is missing (not made); run: upvl train" in fails(labelled, "detect")
     assert "out/train/all.parquet has not been made" in fails(labelled, "curves")
 
 
 def test_what_is_learned_and_what_is_kept(trained: Path) -> None:
     (row,) = table(trained, "train")
-    assert len(row.total) == len(row.rate) == 6
+    assert len(row.total) == len(row.learning_rate) == 6
     assert row.check_step.tolist() == [2, 4, 6]
-    assert row.distils and (row.distil > 0).all()
-    np.testing.assert_allclose(row.total, row.objectness + row.box + row.heading + row.distil, rtol=1e-5)
+    assert row.has_distillation_head and (row.distillation > 0).all()
+    np.testing.assert_allclose(
+        row.total, row.objectness + row.box + row.heading + row.distillation, rtol=1e-5
+    )
     assert sum(weight.numel() for weight in row.detector.parameters()) > 1000
     assert not (trained / "out" / "train" / "checkpoint.safetensors").exists()
     assert upvl(trained, "train").stdout == ""
@@ -117,13 +123,16 @@ def test_detections_have_tracks_features_and_scores(trained: Path) -> None:
     rows = list(table(trained, "detect"))
     assert [row.frame for row in rows] == list(range(20))
     for row in rows:
-        assert 0 < len(row.seven) <= 20
+        assert 0 < len(row.boxes) <= 20
         assert (row.velocity_mps[row.track_id < 0] == 0).all()
-        assert len(row.feature) == len(row.of_box) == row.points.sum()
-    track, seven = (np.concatenate([getattr(row, name) for row in rows]) for name in ("track_id", "seven"))
+        assert len(row.point_feature.values) == row.num_points.sum()
+        np.testing.assert_array_equal(row.point_feature.count, row.num_points)
+    track, size_m = (
+        np.concatenate([getattr(row, name) for row in rows]) for name in ("track_id", "size_lwh_m")
+    )
     assert len(np.unique(track)) > 3
     for number in np.unique(track[track >= 0]):
-        assert np.ptp(seven[track == number, 3:6], axis=0).max() == 0
+        assert np.ptp(size_m[track == number], axis=0).max() == 0
 
 
 def test_each_frame_can_speak_for_itself(trained: Path, tmp_path: Path) -> None:
@@ -134,8 +143,8 @@ def test_each_frame_can_speak_for_itself(trained: Path, tmp_path: Path) -> None:
     assert all((np.diff(row.score) <= 0).all() for row in rows)
     xyz = Workspace(PIPELINE, folder / "stages", folder / "out").drive(SEGMENT).points(3).xyz_ego_m
     # Points on a face of a box can fall either way: heights above the road are rounded.
-    inside = points_inside(xyz, rows[3].seven, margin_m=0.0).sum(axis=1)
-    np.testing.assert_allclose(inside, rows[3].points, atol=2)
+    inside = points_inside(xyz, rows[3].boxes, margin_m=0.0).sum(axis=1)
+    np.testing.assert_allclose(inside, rows[3].num_points, atol=2)
 
 
 def test_detections_are_scored_and_named(trained: Path) -> None:
@@ -155,8 +164,8 @@ def test_other_drives_and_batches_than_there_are(labelled: Path, tmp_path: Path)
     set_value(folder, "train", "drives", '["val-*"]')
     assert "train: no drive has a name like val-*; see: upvl segments" in fails(folder, "train")
     set_value(folder, "train", "drives", '["*"]')
-    set_value(folder, "train", "grid_m", "[0, 1]")
-    assert "train: grid_m has 2 numbers, expected 6" in fails(folder, "train")
+    set_value(folder, "train", "x_max_m", "-50.0")
+    assert "grid x_m goes from -50.0 to -50.0, expected the smaller number first" in fails(folder, "train")
 
 
 @pytest.mark.slow
@@ -182,7 +191,7 @@ def test_two_processes_write_one_shard_with_the_same_curve(labelled: Path, tmp_p
     # Two halves of a batch are rounded otherwise than the whole, and each step of AdamW multiplies that:
     # in float64 the curves are the same to 1e-14, here small steps in full precision keep it near 1e-5 (docs/log.md).
     set_value(folder, "train", "precision", '"full"')
-    set_value(folder, "train", "rate", "0.0001")
+    set_value(folder, "train", "learning_rate", "0.0001")
     assert upvl(folder, "train").returncode == 0
     (one,) = table(folder, "train")
     shutil.rmtree(folder / "out" / "train")
@@ -194,7 +203,7 @@ def test_two_processes_write_one_shard_with_the_same_curve(labelled: Path, tmp_p
     assert done.stdout.count("made stage=train") == 1
     (two,) = table(folder, "train")
     assert two.total[0] == pytest.approx(one.total[0], rel=1e-5)  # before any step
-    for name in ("total", "box", "distil", "check_total"):
+    for name in ("total", "box", "distillation", "check_total"):
         np.testing.assert_allclose(getattr(two, name), getattr(one, name), rtol=1e-4)
 
 

@@ -11,12 +11,13 @@ from upvl_cli.stages.rows import TrainRow
 
 @app.command()
 def curves(context: typer.Context) -> None:
-    """Draw how the losses of the last training fell."""
+    """Draw the losses of the last training."""
     from upvl_cli.detector.checkpoint import LOSSES
     from upvl_cli.detector.curves import draw
 
     workspace: Workspace = context.obj
     (row,) = workspace.table("train", TrainRow)
     path = workspace.out / "train" / "curves.png"
-    draw(path, {name: getattr(row, name) for name in LOSSES}, row.rate, row.check_step, row.check_total)
+    losses = {name: getattr(row, name) for name in LOSSES}
+    draw(path, losses, row.learning_rate, row.check_step, row.check_total)
     print(path)

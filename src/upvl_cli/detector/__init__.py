@@ -1,1 +1,1 @@
-"""The LiDAR-only detector: its network, what it learns from, and what it says of a frame."""
+"""The LiDAR-only detector: network, training on auto labels, and prediction."""

@@ -1,4 +1,4 @@
-"""From what the network says to boxes."""
+"""Boxes from the output of the network: highest scores, decoded, without those that overlap better ones."""
 
 from __future__ import annotations
 
@@ -8,53 +8,45 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from upvl_cli.detector.head import Head, decode
+from upvl_cli.detector.config import DecodeConfig
+from upvl_cli.detector.heads.base import Head, decode
 from upvl_cli.detector.model import Detector, Output
 from upvl_cli.geometry.nms import nms_bev
-from upvl_cli.types import Boxes, Floats
-
-_RIVALS = 10  # times as many boxes as are asked for are looked at: places of one object say nearly the same
+from upvl_cli.types import Array, Boxes, array
 
 
 @dataclass(frozen=True)
-class Detections:
+class Detections(Boxes):
     """Boxes of one frame by falling score.
 
     Attributes:
-        seven: (m, 7) float64 boxes.
         score: (m,) float64, 0 to 1.
     """
 
-    seven: Floats
-    score: Floats
+    score: Array = array("float64")
 
 
-def detections(
-    detector: Detector, output: Output, *, min_score: float, max_boxes: int, nms_iou: float
-) -> list[Detections]:
-    """Boxes of each sample of a batch.
+def decode_output(detector: Detector, output: Output, config: DecodeConfig) -> list[Detections]:
+    """Return the boxes of each sample of a batch.
 
     Args:
-        detector: What said `output`.
-        output: What it said.
-        min_score: Boxes below are left out.
-        max_boxes: No more than this, the best ones.
-        nms_iou: Of two boxes that overlap more, seen from above, the one of lower score goes.
+        detector: The network that gave `output`.
+        output: Its output.
+        config: Which boxes are kept.
     """
     scores = torch.sigmoid(output.objectness.detach())
     return [
-        _of_sample(detector.head, score, residual, min_score, max_boxes, nms_iou)
+        _decode_sample(detector.head, score, residual, config)
         for score, residual in zip(scores, output.residual.detach(), strict=True)
     ]
 
 
-def _of_sample(
-    head: Head, scores: Tensor, residual: Tensor, min_score: float, max_boxes: int, nms_iou: float
-) -> Detections:
-    best, place = scores.topk(min(_RIVALS * max_boxes, len(scores)))
-    score, rows = best.cpu().numpy().astype(np.float64), place.cpu().numpy()
-    good = score >= min_score
-    seven = decode(head, head.places[rows[good]], residual[place].cpu().numpy()[good])
+def _decode_sample(head: Head, scores: Tensor, residual: Tensor, config: DecodeConfig) -> Detections:
+    best, anchor = scores.topk(min(config.candidates_per_box * config.max_boxes, len(scores)))
+    score, rows = best.cpu().numpy().astype(np.float64), anchor.cpu().numpy()
+    good = score >= config.min_score
+    boxes = decode(head, head.anchors[rows[good]], residual[anchor].cpu().numpy()[good])
     score = score[good]
-    kept = nms_bev(Boxes.from_rows(seven), score, max_iou=nms_iou, max_boxes=max_boxes)
-    return Detections(seven[kept], score[kept])
+    kept = nms_bev(boxes, score, max_iou=config.nms_iou, max_boxes=config.max_boxes)
+    stays = boxes[kept]
+    return Detections(stays.center_m, stays.size_lwh_m, stays.heading_rad, score[kept])

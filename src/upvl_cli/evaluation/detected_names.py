@@ -32,7 +32,7 @@ def types_of(workspace: Workspace, segment: str, rows: Table[ObjectRow]) -> dict
     (trained,) = workspace.table("train", TrainRow)
     pictures = (
         None
-        if trained.distils
+        if trained.has_distillation_head
         else (
             workspace.table("extract-vl", ExtractVlRow, segment),
             workspace.table("mask", MaskRow, segment),

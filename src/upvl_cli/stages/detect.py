@@ -1,4 +1,4 @@
-"""What the detector finds, sweep by sweep."""
+"""Boxes that the detector finds, frame by frame, joined to tracks."""
 
 from __future__ import annotations
 
@@ -6,24 +6,24 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from upvl_cli.config.base import Config, setting, table
+from upvl_cli.config.base import Config, table
+from upvl_cli.detector.config import DecodeConfig, GroundingConfig
 from upvl_cli.perception.tracking.config import SmoothingConfig, TrackerConfig
 from upvl_cli.pipeline.stage import Stage
 from upvl_cli.stages.rows import GroundRow, ObjectRow, OdometryRow, PcaRow, TrainRow
 
 if TYPE_CHECKING:
-    from upvl_cli.detector.finding import Found
+    from upvl_cli.detector.predict import FramePrediction
     from upvl_cli.pipeline.stage import Inputs
-    from upvl_cli.types import Array
+    from upvl_cli.types import Array, Boxes
 
 
 @dataclass(frozen=True)
 class DetectConfig(Config):
     """Settings of `detect`."""
 
-    min_score: float = setting("boxes below are dropped", ge=0, le=1)
-    max_boxes: int = setting("most boxes of a frame", ge=1, le=10_000)
-    nms_iou: float = setting("of two boxes that overlap more, seen from above, the worse goes", ge=0, le=1)
+    decode: DecodeConfig = table("how boxes are read from the output of the network")
+    grounding: GroundingConfig = table("how boxes are put on the ground")
     tracker: TrackerConfig = table("how boxes of different frames are associated to tracks")
     smoothing: SmoothingConfig = table("how the boxes of a track correct each other")
 
@@ -37,43 +37,44 @@ def run(inputs: Inputs, config: DetectConfig) -> Iterator[ObjectRow]:
     import numpy as np
 
     from upvl_cli.perception.labels.point_features import average_pool
-    from upvl_cli.types import Boxes, Ragged
+    from upvl_cli.types import Ragged
 
     (fitted,) = inputs.table("pca", PcaRow)
     poses = list(inputs.table("odometry", OdometryRow))
-    found = [*_found(inputs, config)]
-    tracked = _tracked(inputs, config, found)
-    last = np.cumsum([len(boxes.seven) for boxes in found])
-    for pose, boxes, end in zip(poses, found, last, strict=True):
-        rows = slice(end - len(boxes.seven), end)
-        codes = fitted.basis.quantize(boxes.feature)
-        inputs.count("boxes", len(boxes.seven))
+    predictions = [*_predictions(inputs, config)]
+    tracked = _tracked(inputs, config, predictions)
+    end = np.cumsum([len(prediction.boxes) for prediction in predictions])
+    for pose, prediction, last in zip(poses, predictions, end, strict=True):
+        total = len(prediction.boxes)
+        rows = slice(last - total, last)
+        boxes, feature = tracked.boxes[rows], prediction.point_feature
+        codes = fitted.basis.quantize(feature.values)
+        inputs.count("boxes", total)
         inputs.count("boxes in no track", (tracked.track_id[rows] < 0).sum())
-        placed = Boxes.from_rows(tracked.seven[rows])
         yield ObjectRow(
             inputs.segment,
             pose.frame,
             pose.time_ns,
-            placed.center_m,
-            placed.size_lwh_m,
-            placed.heading_rad,
+            boxes.center_m,
+            boxes.size_lwh_m,
+            boxes.heading_rad,
             tracked.velocity_mps[rows],
-            boxes.points,
+            prediction.num_points,
             tracked.score[rows],
             tracked.track_id[rows],
-            num_features=np.bincount(boxes.of_box, minlength=len(boxes.seven)),
-            point_feature=Ragged.grouped(boxes.of_box, codes, len(boxes.seven)),
-            pooled=average_pool(Ragged.grouped(boxes.of_box, codes, len(boxes.seven)), fitted.basis),
+            num_features=feature.count,
+            point_feature=(point_feature := Ragged(codes, feature.count)),
+            pooled=average_pool(point_feature, fitted.basis),
         )
 
 
-def _found(inputs: Inputs, config: DetectConfig) -> Iterator[Found]:
-    """The boxes of each frame; sweeps are read ahead while the network looks."""
+def _predictions(inputs: Inputs, config: DetectConfig) -> Iterator[FramePrediction]:
+    """Yield what the detector finds in each frame; sweeps are read ahead while the network computes."""
     import numpy as np
     import torch
 
-    from upvl_cli.detector.finding import find
-    from upvl_cli.detector.sweeps import Route
+    from upvl_cli.detector.data.sweeps import Trajectory, TwoSweeps
+    from upvl_cli.detector.predict import FrameInput, predict
     from upvl_cli.runtime.parallel import in_order, threads
 
     (trained,) = inputs.table("train", TrainRow)
@@ -81,51 +82,42 @@ def _found(inputs: Inputs, config: DetectConfig) -> Iterator[Found]:
     torch.set_num_threads(threads())
     detector = trained.detector.to(device)
     poses, drive = list(inputs.table("odometry", OdometryRow)), inputs.drive
-    route = Route(
-        tuple(pose.frame for pose in poses),
-        tuple(pose.time_ns for pose in poses),
+    trajectory = Trajectory(
+        np.array([pose.frame for pose in poses]),
+        np.array([pose.time_ns for pose in poses]),
         np.array([pose.world_from_ego for pose in poses]),
-        drive.ground_z_m,
     )
-
+    sweeps = TwoSweeps(trajectory, drive.points, drive.ground_z_m, detector.config.sweeps)
     grounds = inputs.table("ground", GroundRow)
 
-    def seen(place: int) -> tuple[Array, Array]:
-        """The points of a frame and of the one before it, and the ground below those of the frame."""
-        points, height_m = route.points(place, drive.points), grounds[poses[place].frame].height_m
-        floor_m = points[: len(height_m), :3].astype(np.float64)  # the frame's own points come first
-        floor_m[:, 2] -= height_m
-        return points, floor_m
+    def frame_input(index: int) -> FrameInput:
+        points, height_m = sweeps.points(index), grounds[poses[index].frame].height_m
+        ground_xyz_m = points[: len(height_m), :3].astype(np.float64)  # the frame's own points come first
+        ground_xyz_m[:, 2] -= height_m
+        return FrameInput(points, ground_xyz_m, drive.ground_z_m)
 
-    for points, floor_m in in_order(seen, range(len(poses))):
-        yield find(
-            detector,
-            points,
-            floor_m,
-            drive.ground_z_m,
-            min_score=config.min_score,
-            max_boxes=config.max_boxes,
-            nms_iou=config.nms_iou,
-        )
+    for frame in in_order(frame_input, range(len(poses))):
+        yield predict(detector, frame, config.decode, config.grounding)
 
 
 class _Tracked(NamedTuple):
     """The boxes of all frames, one after the other.
 
     Attributes:
-        seven: (b, 7) in ego axes.
+        boxes: (b) in ego axes.
         velocity_mps: (b, 3) in ego axes; 0 for a box of no track.
         score: (b,) from 0 to 1.
         track_id: (b,) the number of each box's track, -1 for none.
     """
 
-    seven: Array
+    boxes: Boxes
     velocity_mps: Array
     score: Array
     track_id: Array
 
 
-def _tracked(inputs: Inputs, config: DetectConfig, found: list[Found]) -> _Tracked:
+def _tracked(inputs: Inputs, config: DetectConfig, predictions: list[FramePrediction]) -> _Tracked:
+    """Join the boxes of all frames to tracks, which give velocities and correct the boxes."""
     import numpy as np
 
     from upvl_cli.geometry.boxes import transform
@@ -135,25 +127,28 @@ def _tracked(inputs: Inputs, config: DetectConfig, found: list[Found]) -> _Track
     from upvl_cli.types import Boxes, concat
 
     poses = list(inputs.table("odometry", OdometryRow))
-    counts = [len(boxes.seven) for boxes in found]
-    step = np.repeat(np.arange(len(found)), counts)
-    pairs = list(zip(found, poses, strict=True))
-    world = concat([transform(Boxes.from_rows(of.seven), pose.world_from_ego) for of, pose in pairs], Boxes)
+    in_ego_axes = [
+        Boxes(found.boxes.center_m, found.boxes.size_lwh_m, found.boxes.heading_rad) for found in predictions
+    ]
+    step = np.repeat(np.arange(len(predictions)), [len(boxes) for boxes in in_ego_axes])
+    pairs = zip(in_ego_axes, poses, strict=True)
+    world = concat([transform(boxes, pose.world_from_ego) for boxes, pose in pairs], Boxes)
     time_s = np.array([(pose.time_ns - poses[0].time_ns) * 1e-9 for pose in poses])
     tracks = track(step, world, np.zeros((len(step), 3)), time_s, config.tracker)
     velocity_mps, track_id = np.zeros((len(step), 3)), np.full(len(step), -1)
-    own = tracks.box >= 0
+    has_box = tracks.box >= 0
     turn = np.array([pose.world_from_ego[:3, :3] for pose in poses])
-    box = tracks.box[own]
-    velocity_mps[box] = np.einsum("ni,nij->nj", tracks.velocity_mps[own], turn[tracks.frame[own]])
-    track_id[box] = tracks.track_id[own]
-    score = np.concatenate([*(of.score for of in found), np.zeros(0)]).astype(np.float64)
+    box = tracks.box[has_box]
+    velocity_mps[box] = np.einsum("ni,nij->nj", tracks.velocity_mps[has_box], turn[tracks.frame[has_box]])
+    track_id[box] = tracks.track_id[has_box]
+    score = np.concatenate([*(found.boxes.score for found in predictions), np.zeros(0)])
     if not config.smoothing.enabled:
-        seven = np.concatenate([*(of.seven for of in found), np.zeros((0, 7))])
-        return _Tracked(seven, velocity_mps, score, track_id)
-    better, sure = smooth_tracks(world, score, track_id, time_s[step], config.smoothing)
-    ego = [transform(better[step == n], inverse(pose.world_from_ego)) for n, pose in enumerate(poses)]
-    return _Tracked(concat(ego, Boxes).to_rows(), velocity_mps, sure, track_id)
+        return _Tracked(concat(in_ego_axes, Boxes), velocity_mps, score, track_id)
+    smooth, score = smooth_tracks(world, score, track_id, time_s[step], config.smoothing)
+    smooth_boxes = [
+        transform(smooth[step == n], inverse(pose.world_from_ego)) for n, pose in enumerate(poses)
+    ]
+    return _Tracked(concat(smooth_boxes, Boxes), velocity_mps, score, track_id)
 
 
 STAGE = Stage(

@@ -282,26 +282,22 @@ class TrainRow(Row):
     """The detector and how it was trained; one row for all drives."""
 
     weights: Array = column("uint8", "the weights, as a file of safetensors", per="byte")
-    grid_m: Array = column("float64", "ends of what is seen: x, y, height above the road", "m", shape=(6,))
-    pillar_m: float = column("float64", "side of a pillar", "m")
-    encoder: str = column("string", "how boxes are said")
-    width: int = column("int64", "channels of a pillar")
-    distils: bool = column("bool", "whether it says features of points")
-    rate: Array = column("float64", "learning rate of each step", per="step")
+    detector_config: str = column(
+        "string", "grid, model and sweeps of train.toml, as JSON: what the network is built from and fed with"
+    )
+    has_distillation_head: bool = column("bool", "whether the network predicts features of points")
+    learning_rate: Array = column("float64", "learning rate of each step", per="step")
     total: Array = column("float64", "loss", per="step")
-    objectness: Array = column("float64", "part of the loss: where something is", per="step")
-    box: Array = column("float64", "part of the loss: places and sizes", per="step")
+    objectness: Array = column("float64", "part of the loss: focal loss of objectness", per="step")
+    box: Array = column("float64", "part of the loss: centres and sizes", per="step")
     heading: Array = column("float64", "part of the loss: headings", per="step")
-    distil: Array = column("float64", "part of the loss: features", per="step")
-    check_step: Array = column("int64", "steps done at each look at what is held out", per="check")
-    check_total: Array = column("float64", "loss there", per="check")
+    distillation: Array = column("float64", "part of the loss: features of points", per="step")
+    check_step: Array = column("int64", "steps done at each check on the held-out frames", per="check")
+    check_total: Array = column("float64", "loss on the held-out frames", per="check")
 
     @property
     def detector(self) -> Detector:
         """The network, ready to detect."""
-        from upvl_cli.detector.batch import grid_of
-        from upvl_cli.detector.checkpoint import rebuilt
+        from upvl_cli.detector.checkpoint import unpack_config, unpack_detector
 
-        return rebuilt(
-            self.weights, grid_of(self.grid_m, self.pillar_m), self.width, self.encoder, self.distils
-        )
+        return unpack_detector(self.weights, unpack_config(self.detector_config), self.has_distillation_head)

@@ -3,96 +3,68 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
-from upvl_cli.config.base import Config, setting
+from upvl_cli.detector.config import TrainConfig
 from upvl_cli.pipeline.stage import Stage
 from upvl_cli.stages.rows import AmodalRow, ExtractVlRow, OdometryRow, PcaRow, TrainRow
 
 if TYPE_CHECKING:
-    from upvl_cli.detector.batch import Grid
-    from upvl_cli.detector.frames import DriveFrames, Source
-    from upvl_cli.detector.together import Team
-    from upvl_cli.detector.training import Plan
+    from upvl_cli.detector.data.frames import DriveFrames, Source
+    from upvl_cli.detector.grid import Grid
+    from upvl_cli.detector.process_group import ProcessGroup
     from upvl_cli.perception.visual.open_vocabulary import Basis
     from upvl_cli.pipeline.stage import Inputs
 
 
-@dataclass(frozen=True)
-class TrainConfig(Config):
-    """Settings of `train`."""
-
-    drives: tuple[str, ...] = setting('names of the drives to learn from, with * for anything: "train-*"')
-    held_out: float = setting("share of each drive, its end, that is only looked at", ge=0, le=0.9)
-    grid_m: tuple[float, ...] = setting(
-        "ends of what is seen: x from and to, y, height above the road", "m", ge=-1000, le=1000
-    )
-    pillar_m: float = setting("side of a pillar", "m", ge=0.02, le=10)
-    encoder: Literal["anchors", "centres"] = setting("how boxes are said")
-    width: int = setting("channels of a pillar, a multiple of 8", ge=8, le=1024)
-    steps: int = setting("steps of a round", ge=1, le=10**8)
-    batch: int = setting("frames of a step, over all processes", ge=1, le=10**5)
-    rate: float = setting("highest learning rate", ge=1e-8, le=1)
-    distil: float = setting("weight of the features of points; 0 learns boxes only", ge=0, le=1000)
-    paste: int = setting("objects of another frame that are set into each", ge=0, le=1000)
-    check_steps: int = setting(
-        "steps between looks at what is held out; from the last one a stopped run goes on",
-        ge=1,
-        le=10**8,
-    )
-    rounds: int = setting("trainings; each but the first learns also from what was found", ge=1, le=100)
-    trust: float = setting("least score of what is found and learned from", ge=0, le=1)
-    seed: int = setting("of all chance", ge=0, le=2**31 - 1)
-    precision: Literal["half", "full"] = setting(
-        "half: bfloat16 where the device has units for it; full: nearly the same numbers on any"
-    )
-
-
 def run(inputs: Inputs, config: TrainConfig) -> Iterator[TrainRow]:
-    """Learn a detector from the auto labels; it goes on from where a stopped run was."""
+    """Train a detector on the auto labels; it goes on from where a stopped run was."""
     import numpy as np
     import torch
 
-    from upvl_cli.detector.batch import grid_of
-    from upvl_cli.detector.checkpoint import LOSSES, State, keep, packed, resume
-    from upvl_cli.detector.loss import Space
+    from upvl_cli.detector.checkpoint import (
+        LOSSES,
+        TrainState,
+        load_checkpoint,
+        pack_config,
+        pack_weights,
+        save_checkpoint,
+    )
+    from upvl_cli.detector.loss import FeatureSpace
     from upvl_cli.detector.model import Detector
-    from upvl_cli.detector.together import team
-    from upvl_cli.detector.training import Lesson, learn
+    from upvl_cli.detector.process_group import process_group
+    from upvl_cli.detector.train import TrainSetup, train
     from upvl_cli.runtime.parallel import threads
 
     (fitted,) = inputs.table("pca", PcaRow)
     torch.manual_seed(config.seed)
     torch.set_num_threads(threads())
     # Without a picture there is no feature to learn.
-    distil = config.distil if fitted.variance_kept > 0 else 0.0
-    detector = Detector(grid_of(config.grid_m, config.pillar_m), config.width, config.encoder, distil > 0)
+    distills = config.distillation.enabled and fitted.variance_kept > 0
+    detector = Detector(config.detector, distills)
     path, stamp = inputs.folder / "checkpoint.safetensors", inputs.stamp
-    with team() as here:
-        _check_batch(config, here.size)
-        frames = _frames(inputs, config, detector.grid, fitted.basis, here)
-        space = Space.of(fitted.mean.copy(), fitted.basis.components.copy())
-        lesson = Lesson(detector, frames, space, _plan(config, distil), here)
+    with process_group() as group:
+        _check_batch(config, group.size)
+        frames = _frames(inputs, config, detector.grid, fitted.basis, group)
+        space = FeatureSpace.from_basis(fitted.mean.copy(), fitted.basis.components.copy())
 
-        def kept(state: State) -> None:
-            if here.rank == 0:
-                keep(path, state, stamp)
+        def save(state: TrainState) -> None:
+            if group.rank == 0:
+                save_checkpoint(path, state, stamp)
 
         inputs.discard_when_done(path)
-        state = learn(lesson, resume(path, stamp) or State(), keep=kept, tick=inputs.tick)
-        here.wait()
+        state = load_checkpoint(path, stamp) or TrainState()
+        setup = TrainSetup(detector, frames, space, config, group)
+        state = train(setup, state, save=save, tick=inputs.tick)
+        group.wait()
     curve = np.array(state.curve).T
     checks = np.array(state.checks).reshape(-1, 2)
     yield TrainRow(
         inputs.segment,
         0,
-        packed(state.best),
-        np.array(config.grid_m),
-        config.pillar_m,
-        config.encoder,
-        config.width,
-        distil > 0,
+        pack_weights(state.best),
+        pack_config(config.detector),
+        distills,
         curve[0],
         **dict(zip(LOSSES, curve[1:], strict=True)),
         check_step=checks[:, 0],
@@ -100,41 +72,21 @@ def run(inputs: Inputs, config: TrainConfig) -> Iterator[TrainRow]:
     )
 
 
-def _plan(config: TrainConfig, distil: float) -> Plan:
-    from upvl_cli.detector.training import Plan
-
-    return Plan(
-        steps=config.steps,
-        batch=config.batch,
-        rate=config.rate,
-        distil=distil,
-        check_steps=config.check_steps,
-        rounds=config.rounds,
-        trust=config.trust,
-        seed=config.seed,
-        half=config.precision == "half",
-    )
-
-
-def _frames(inputs: Inputs, config: TrainConfig, grid: Grid, basis: Basis, here: Team) -> DriveFrames:
-    """The frames of the drives whose names are asked for."""
-    from upvl_cli.detector.frames import DriveFrames
+def _frames(
+    inputs: Inputs, config: TrainConfig, grid: Grid, basis: Basis, group: ProcessGroup
+) -> DriveFrames:
+    """Return the frames of the drives whose names are asked for."""
+    from upvl_cli.detector.data.frames import DriveFrames
     from upvl_cli.errors import BadSetting
 
-    chosen = inputs.segments
-    lengths = {name: len(inputs.table("odometry", OdometryRow, name)) for name in chosen}
-    if here.rank == 0:
-        for name in chosen:
+    segments = inputs.segments
+    lengths = {name: len(inputs.table("odometry", OdometryRow, name)) for name in segments}
+    if group.rank == 0:
+        for name in segments:
             inputs.sweeps(name)
-    here.wait()
+    group.wait()
     frames = DriveFrames(
-        lengths,
-        lambda name: _source(inputs, name),
-        grid=grid,
-        values=basis.dequantize,
-        held_out=config.held_out,
-        paste=config.paste,
-        seed=config.seed,
+        lengths, lambda name: _source(inputs, config, name), grid=grid, values=basis.dequantize, config=config
     )
     if not frames.train:
         raise BadSetting("train: held_out leaves no frame to learn from; lower it, or add drives")
@@ -143,33 +95,36 @@ def _frames(inputs: Inputs, config: TrainConfig, grid: Grid, basis: Basis, here:
     return frames
 
 
-def _source(inputs: Inputs, name: str) -> Source:
+def _source(inputs: Inputs, config: TrainConfig, segment: str) -> Source:
+    """Return the frames of one drive."""
     import numpy as np
 
-    from upvl_cli.detector.frames import Source
-    from upvl_cli.detector.sweeps import Route
+    from upvl_cli.detector.data.frames import Source
+    from upvl_cli.detector.data.sweeps import Trajectory, TwoSweeps
     from upvl_cli.perception.visual.views import SEEN
-    from upvl_cli.types import Floats, Ints
+    from upvl_cli.types import Boxes, Floats, Ints
 
-    sweeps = inputs.sweeps(name)
-    poses = list(inputs.table("odometry", OdometryRow, name))
-    features, labels = inputs.table("extract-vl", ExtractVlRow, name), inputs.table("nms", AmodalRow, name)
+    sweeps = inputs.sweeps(segment)
+    poses = list(inputs.table("odometry", OdometryRow, segment))
+    features = inputs.table("extract-vl", ExtractVlRow, segment)
+    labels = inputs.table("nms", AmodalRow, segment)
 
-    def seen(frame: int) -> tuple[Ints, Ints]:
+    def features_of(frame: int) -> tuple[Ints, Ints]:
         row = features[frame]
         return np.flatnonzero(row.state == SEEN), row.feature
 
-    def labelled(frame: int) -> tuple[Floats, Floats]:
+    def labels_of(frame: int) -> tuple[Boxes, Floats]:
         row = labels[frame]
-        return row.seven, row.velocity_mps
+        return row.boxes, row.velocity_mps
 
-    route = Route(
-        tuple(pose.frame for pose in poses),
-        tuple(pose.time_ns for pose in poses),
+    trajectory = Trajectory(
+        np.array([pose.frame for pose in poses]),
+        np.array([pose.time_ns for pose in poses]),
         np.array([pose.world_from_ego for pose in poses]),
-        sweeps.ground_z_m,
     )
-    return Source(route, sweeps.read, seen, labelled)
+    return Source(
+        TwoSweeps(trajectory, sweeps.read, sweeps.ground_z_m, config.sweeps), features_of, labels_of
+    )
 
 
 def _check_batch(config: TrainConfig, processes: int) -> None:

@@ -17,7 +17,7 @@ from upvl_cli.perception.amodal.fit import fit_amodal_boxes
 from upvl_cli.perception.amodal.sightings import Sightings
 from upvl_cli.perception.box_fit import tight_box
 from upvl_cli.stages.amodal import AmodalConfig
-from upvl_cli.types import Array, Boxes
+from upvl_cli.types import Array, Boxes, concat
 
 CONFIG = load(AmodalConfig, Path(__file__).parents[3] / "stages" / "amodal.toml")
 CAR_LWH_M = np.array([4.4, 1.9, 1.5])

@@ -1,0 +1,1 @@
+"""Training data of the detector: frames of drives, their order, random changes and batches."""

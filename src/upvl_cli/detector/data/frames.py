@@ -1,0 +1,100 @@
+"""Frames of many drives to train on; only some of them are in memory at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from upvl_cli.detector.config import TrainConfig
+from upvl_cli.detector.data.augment import augment
+from upvl_cli.detector.data.batch import Sample
+from upvl_cli.detector.data.sampler import frame_at, generator_at
+from upvl_cli.detector.data.scene import Scene
+from upvl_cli.detector.data.sweeps import TwoSweeps
+from upvl_cli.detector.grid import Grid
+from upvl_cli.types import Boxes, Floats, Ints, concat
+
+_OPEN_DRIVES = 16  # each holds a few files open
+_SCENES = 64  # in memory, of some 10 MB each: a small set is read from disk once, a large one streams
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where the frames of a drive are from.
+
+    Attributes:
+        sweeps: Its two-frame input.
+        features: Returns the points of a frame that a camera sees, (c,), and their features, (c, 64) int8.
+        labels: Returns the auto labels of a frame in ego axes, and their (m, 3) velocities.
+    """
+
+    sweeps: TwoSweeps
+    features: Callable[[int], tuple[Ints, Ints]]
+    labels: Callable[[int], tuple[Boxes, Floats]]
+
+
+class DriveFrames:
+    """The frames of drives, by number: first those to train on, then those held out (`train.Frames`)."""
+
+    def __init__(
+        self,
+        lengths: Mapping[str, int],
+        source: Callable[[str], Source],
+        *,
+        grid: Grid,
+        values: Callable[[Ints], Floats],
+        config: TrainConfig,
+    ) -> None:
+        """Assign numbers to the frames; of each drive the end is held out, as neighbouring frames are too much alike.
+
+        Args:
+            lengths: How many frames each drive has.
+            source: Opens a drive.
+            grid: What the network sees.
+            values: Returns the kept values of features.
+            config: Share that is held out, random changes, sampling and seed.
+        """
+        self._source = lru_cache(maxsize=_OPEN_DRIVES)(source)
+        self._scene = lru_cache(maxsize=_SCENES)(self._read_scene)
+        self._grid, self._values, self._config = grid, values, config
+        end = {drive: length - round(config.held_out * length) for drive, length in lengths.items()}
+        train = [(drive, index) for drive in lengths for index in range(end[drive])]
+        held_out = [(drive, index) for drive in lengths for index in range(end[drive], lengths[drive])]
+        self._frames = train + held_out
+        self.train, self.held_out = len(train), len(held_out)
+
+    def unchanged(self, number: int) -> Sample:
+        """Return a frame as it is, with the same points to learn features from each time."""
+        return self._sample(self._scene(number), generator_at(number, self._config.seed))
+
+    def augmented(self, index: int, pseudo_labels: Mapping[int, Boxes]) -> Sample:
+        """Return the frame at an index of the order, with the random changes of that index.
+
+        The objects that are pasted into it are from the frame after it, which is then in memory for the next index.
+        """
+        seed, augmentation = self._config.seed, self._config.augmentation
+        rng, number = generator_at(index, seed), frame_at(index, self.train, seed)
+        scene = self._scene(number)
+        if number in pseudo_labels:
+            more = pseudo_labels[number]
+            scene = replace(
+                scene,
+                boxes=concat([scene.boxes, more], Boxes),
+                velocity_mps=np.concatenate([scene.velocity_mps, np.zeros((len(more), 3))]),
+            )
+        donor = self._scene(frame_at(index + 1, self.train, seed)) if augmentation.pasted_objects else scene
+        return self._sample(augment(scene, donor, augmentation, rng), rng)
+
+    def _sample(self, scene: Scene, rng: np.random.Generator) -> Sample:
+        return scene.sample(self._grid, self._values, self._config.sampling, rng)
+
+    def _read_scene(self, number: int) -> Scene:
+        drive, index = self._frames[number]
+        source = self._source(drive)
+        frame = int(source.sweeps.trajectory.frame[index])
+        boxes, velocity_mps = source.labels(frame)
+        above_road = replace(boxes, center_m=boxes.center_m - [0.0, 0.0, source.sweeps.ground_z_m])
+        return Scene.of_frame(source.sweeps.points(index), *source.features(frame), above_road, velocity_mps)

@@ -1,0 +1,1 @@
+"""Heads of the detector: ways to encode boxes at fixed anchors over the grid."""
