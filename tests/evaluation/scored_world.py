@@ -11,7 +11,7 @@ from upvl_cli.commands.pipeline import PIPELINE
 from upvl_cli.config.toml import load
 from upvl_cli.evaluation.config import EvalConfig
 from upvl_cli.evaluation.gather import Material
-from upvl_cli.metrics.inputs import Predictions, Truth
+from upvl_cli.metrics.waymo.inputs import Predictions, Truth
 from upvl_cli.pipeline.tables import write
 from upvl_cli.pipeline.workspace import Workspace
 
@@ -20,8 +20,8 @@ SIZE_M = (4.0, 2.0, 1.5)
 SETTINGS: EvalConfig = load(EvalConfig, Path(__file__).parents[2] / "stages" / "eval.toml")
 
 
-def sevens(places: Sequence[tuple[float, float]]) -> np.ndarray:
-    """(n, 7) cars that look along x at these places."""
+def cars_at(places: Sequence[tuple[float, float]]) -> np.ndarray:
+    """(n, 7) rows of cars that look along x at these places."""
     return np.array([(x, y, 0.0, *SIZE_M, 0.0) for x, y in places]).reshape(-1, 7)
 
 
@@ -42,19 +42,19 @@ def material(
     """
     of_labels, of_boxes = np.array(labels).reshape(-1, 4), np.array(boxes).reshape(-1, 4)
     n, m = len(of_labels), len(of_boxes)
-    truth = Truth(
+    truth = Truth.from_rows(
+        cars_at([tuple(place) for place in of_labels[:, 1:3]]),
         sequence=np.full(n, "drive"),
         frame=of_labels[:, 0],
-        seven=sevens([tuple(place) for place in of_labels[:, 1:3]]),
         type=np.ones(n),
         level=np.zeros(n),
         velocity_mps=np.column_stack([of_labels[:, 3], np.zeros(n)]),
         object_id=np.arange(n),
     )
-    predictions = Predictions(
+    predictions = Predictions.from_rows(
+        cars_at([tuple(place) for place in of_boxes[:, 1:3]]),
         sequence=np.full(m, "drive"),
         frame=of_boxes[:, 0],
-        seven=sevens([tuple(place) for place in of_boxes[:, 1:3]]),
         type=np.ones(m),
         score=of_boxes[:, 3],
         velocity_mps=np.tile([5.0, 0.0], (m, 1)),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from upvl_cli.errors import BadInput
-from upvl_cli.geometry.boxes import checked, corners, corners_bev, pairs_inside, points_inside, transform
+from upvl_cli.geometry.boxes import corners, corners_bev, geometry_of, pairs_inside, points_inside, transform
 from upvl_cli.geometry.se3 import apply, from_yaw, inverse
 
 
@@ -99,7 +99,7 @@ def test_empty() -> None:
 
 def test_bad_boxes_are_refused_in_one_line() -> None:
     with pytest.raises(BadInput, match=r"^boxes have shape \(1, 6\), expected \(n, 7\).*$"):
-        checked(np.zeros((1, 6)))
+        geometry_of(np.zeros((1, 6)))
     rows = np.zeros((4, 7))
     rows[2, 0] = math.nan
     with pytest.raises(BadInput, match=r"^box 2 is not finite: .*$"):
