@@ -18,7 +18,7 @@ from command import fails, make_workspace, set_value, upvl
 from tiny_kitti import TinyDrive, numbers, write_drive, write_tracklets
 from upvl_cli.commands.pipeline import PIPELINE
 from upvl_cli.errors import UpvlError
-from upvl_cli.evaluation.run import evaluate, shown
+from upvl_cli.evaluation.run import evaluate, render
 from upvl_cli.pipeline.workspace import Workspace
 
 # The car of the drive is 4 m long, 12 m ahead, and drives at 8 m/s.
@@ -105,7 +105,7 @@ def told(folder: Path, what: str = "labels", *, moving_only: bool = True, region
     """What it prints of the scores, without a process of its own."""
     workspace = Workspace(PIPELINE, folder / "stages", folder / "out")
     console = Console(file=io.StringIO(), width=200)
-    for item in shown(evaluate(workspace, what, moving_only, True, region, {})):
+    for item in render(evaluate(workspace, what, moving_only, True, region, {})):
         console.print(item, markup=False, highlight=False)
     return console.file.getvalue()
 

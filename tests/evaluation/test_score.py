@@ -163,15 +163,16 @@ BOXES = st.lists(st.tuples(PLACES, st.sampled_from([0.0, 0.5, 1.0])), max_size=8
 
 def scaled(boxes, scale):
     """The boxes in another size."""
-    return replace(boxes, seven=boxes.seven * np.array([1, 1, 1, scale, scale, scale, 1]))
+    return replace(boxes, size_lwh_m=boxes.size_lwh_m * scale)
 
 
+@pytest.mark.parametrize("part", ["center_m", "size_lwh_m", "heading_rad"])
 @pytest.mark.parametrize("wrong", [np.nan, np.inf])
-def test_a_box_that_is_no_box_is_refused(wrong: float) -> None:
+def test_a_box_that_is_no_box_is_refused(wrong: float, part: str) -> None:
     case = material([(0, 10, 0, MOVING)], [(0, 10, 0, 0.9)])
     for boxes in (case.labels, case.predictions):
         with pytest.raises(BadInput, match=r"segment drive, frame 0\) has a box that is not finite"):
-            replace(boxes, seven=boxes.seven + wrong)
+            replace(boxes, **{part: getattr(boxes, part) + wrong})
 
 
 @settings(max_examples=60)

@@ -93,7 +93,9 @@ def _count(counts, s, c, labels, boxes, iou, shard, used, mine, column, apart): 
     for p, j in zip(used, column, strict=True):
         if j >= 0 and shard[mine[j]] == s:
             counts["tp"][:, s, c] += 1
-            counts["ha"][:, s, c] += heading_accuracy(boxes.heading_rad[[p]], labels.heading_rad[[mine[j]]])[0]
+            counts["ha"][:, s, c] += heading_accuracy(boxes.heading_rad[[p]], labels.heading_rad[[mine[j]]])[
+                0
+            ]
         if j < 0 and not boxes.unlabelled[p]:
             near = [t for t in mine if iou[p, t] >= 0.01]
             best = max(near, key=lambda t: (iou[p, t], t), default=None)

@@ -74,7 +74,10 @@ def test_nothing_to_match() -> None:
     assert official_hungarian(np.zeros((0, 0), dtype=np.int64)).tolist() == []
     assert official_hungarian(np.zeros((0, 3), dtype=np.int64)).tolist() == []
     assert official_hungarian(np.zeros((2, 0), dtype=np.int64)).tolist() == [-1, -1]
-    assert official_score_first(np.zeros((2, 0), dtype=bool), np.zeros((2, 0)), np.ones(2)).tolist() == [-1, -1]
+    assert official_score_first(np.zeros((2, 0), dtype=bool), np.zeros((2, 0)), np.ones(2)).tolist() == [
+        -1,
+        -1,
+    ]
     assert match_by_score([], []) == []
     assert order_by_score(np.zeros(0)).tolist() == []
 

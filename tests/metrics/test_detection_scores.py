@@ -10,7 +10,15 @@ import pytest
 from streets import box, guesses, labels
 
 from upvl_cli.errors import BadInput
-from upvl_cli.metrics.waymo.breakdown import OBJECT_TYPE, ONE_SHARD, RANGE, SIZE, VELOCITY, Breakdown, moving_objects
+from upvl_cli.metrics.waymo.breakdown import (
+    OBJECT_TYPE,
+    ONE_SHARD,
+    RANGE,
+    SIZE,
+    VELOCITY,
+    Breakdown,
+    moving_objects,
+)
 from upvl_cli.metrics.waymo.detection import DetectionResult, detection, match_boxes
 from upvl_cli.metrics.waymo.heading import heading_accuracy
 from upvl_cli.metrics.waymo.inputs import Predictions, Truth, map_types, resolve_level, speed_mps

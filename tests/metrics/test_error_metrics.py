@@ -77,7 +77,9 @@ CASES = [
 @pytest.mark.parametrize(("row", "expected"), [c[1:] for c in CASES], ids=[c[0] for c in CASES])
 def test_one_prediction(row: tuple[int, float, int, float], expected: Outcome) -> None:
     boxes = predictions([row])
-    assert classify_predictions(LABELS, boxes, found_by(LABELS, boxes) >= 0, min_overlap_iou=0.1).tolist() == [expected]
+    assert classify_predictions(
+        LABELS, boxes, found_by(LABELS, boxes) >= 0, min_overlap_iou=0.1
+    ).tolist() == [expected]
 
 
 def test_a_second_box_for_a_label_is_a_localisation_error() -> None:
@@ -89,7 +91,9 @@ def test_a_second_box_for_a_label_is_a_localisation_error() -> None:
 def test_the_own_type_comes_before_others() -> None:
     labels = truth([(0, 0, VEHICLE), (0, 0.8, PEDESTRIAN)])
     boxes = predictions([(0, 0.6, VEHICLE, 1.0)])
-    assert classify_predictions(labels, boxes, np.array([False]), min_overlap_iou=0.1).tolist() == [Outcome.LOCALISATION]
+    assert classify_predictions(labels, boxes, np.array([False]), min_overlap_iou=0.1).tolist() == [
+        Outcome.LOCALISATION
+    ]
 
 
 def test_only_the_best_half_is_looked_at() -> None:

@@ -88,7 +88,9 @@ TABLES = (
         "named",
         False,
         (
-            PaperRow("clustering, whatever the class", "clustering", (NOT_PUBLISHED, NOT_PUBLISHED, 11.6), needs=()),
+            PaperRow(
+                "clustering, whatever the class", "clustering", (NOT_PUBLISHED, NOT_PUBLISHED, 11.6), needs=()
+            ),
             PaperRow("clustering + VL", "clustering-vl", (15.8, 9.9, 12.9)),
             PaperRow("clustering + VL + flow", "clustering-vl-flow", (16.1, 10.0, 13.1)),
             PaperRow("UP-VL labels", "", (30.2, 14.7, 22.4)),

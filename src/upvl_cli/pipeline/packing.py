@@ -77,7 +77,7 @@ def pack_box_row(item: Row, schema: pa.Schema) -> pa.RecordBatch:
             ends = np.concatenate([[0], np.cumsum(value.count)]) * width
             arrays.append(_cells(np.ascontiguousarray(value.values).reshape(-1), spec, kind, ends))
         elif spec.split:
-            arrays += [_cells(part, spec, kind) for part in value.reshape(boxes, -1).T]
+            arrays += [_cells(part, spec, kind) for part in value.reshape(boxes, len(spec.split)).T]
         elif spec.shape:
             width = len(value) // max(boxes, 1)
             arrays.append(_cells(value, spec, kind, np.arange(boxes + 1) * width))
