@@ -118,7 +118,9 @@ def covered(truth: Truth, points: np.ndarray, predictions: Predictions, moving_m
         if iou.size:
             best[labels] = iou.max(axis=1)
             track[labels] = predictions.object_id[here][iou.argmax(axis=1)]
-    object_name = np.char.add(np.char.add(truth.sequence.astype(str), " object "), truth.object_id.astype(str))
+    object_name = np.char.add(
+        np.char.add(truth.sequence.astype(str), " object "), truth.object_id.astype(str)
+    )
     for name in np.unique(object_name):
         asked = (object_name == name) & (points >= MIN_POINTS)
         if not asked.any() or np.median(speed_mps(truth.velocity_mps[asked])) < moving_mps:
