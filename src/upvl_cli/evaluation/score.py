@@ -9,8 +9,6 @@ import numpy as np
 
 from upvl_cli.evaluation.config import EvalConfig
 from upvl_cli.evaluation.gather import Material
-from upvl_cli.metrics.waymo.breakdown import OBJECT_TYPE, Breakdown, moving_objects
-from upvl_cli.metrics.waymo.detection import DetectionResult, detection, match_boxes
 from upvl_cli.metrics.error_analysis import (
     MissedLabels,
     Outcome,
@@ -19,6 +17,8 @@ from upvl_cli.metrics.error_analysis import (
     count_missed_labels,
     count_top_outcomes,
 )
+from upvl_cli.metrics.waymo.breakdown import OBJECT_TYPE, Breakdown, moving_objects
+from upvl_cli.metrics.waymo.detection import DetectionResult, detection, match_boxes
 from upvl_cli.metrics.waymo.inputs import Predictions, Truth, map_types, speed_mps
 from upvl_cli.metrics.waymo.official import LEVELS, NEAR_IOU, SCORE_CUTOFFS, TYPES
 from upvl_cli.metrics.waymo.tracking import TrackingResult, tracking

@@ -121,7 +121,7 @@ class MatchingProblem:
         return competing > 1 if self.matcher == "score_first" else len(set(tied)) > 1
 
     def _official_matches(self, group: Ints, since: int, end: int) -> Iterator[Row]:
-        """Yield the matches among these overlaps at these cut-offs, with their whole frame solved in the official order."""
+        """Yield the matches among these overlaps at these cut-offs, their whole frame solved in the official order."""
         edges = self.pairing.edges[group]
         frame = int(self.pairing.prediction_frame[edges.prediction[0]])
         number = int(self.prediction_group[edges.prediction[0]])
