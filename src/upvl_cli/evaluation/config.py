@@ -22,7 +22,7 @@ class EvalConfig(Config):
         "3D IoU with a label from which a box is right, in the analysis of errors", ge=0.001, le=1
     )
     overlap_iou: float = setting(
-        "3D IoU above which a wrong box is misplaced, and up to which it is on the background, in the analysis of errors",
+        "3D IoU above which a wrong box is misplaced, else it is on the background, in the analysis of errors",
         ge=0,
         le=1,
     )
