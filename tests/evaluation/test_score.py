@@ -152,6 +152,14 @@ def test_boxes_on_standing_labels_are_neither_right_nor_wrong() -> None:
     assert (everything.labels, everything.right, everything.localisation) == (4, 1, 1)
 
 
+def test_a_match_with_a_standing_label_is_not_right_where_only_moving_ones_count() -> None:
+    case = material([(0, 10, 0, MOVING), (0, 30, 0, STANDING)], [(0, 30, 0, 0.9)])
+    all_looked_at = replace(SETTINGS, top_share=1.0)
+    best = diagnosis(case, all_looked_at, moving_only=True).best
+    assert best is not None
+    assert (best.labels, best.right, best.localisation, best.background) == (1, 0, 0, 0)
+
+
 def test_which_labels_are_missed() -> None:
     labels = [(0, 10, 0, 2.0), (0, 40, 0, 5.0), (0, 60, 0, 20.0)]
     case = material(labels, [(0, 40, 0, 0.01)], points=[3, 50, 200], in_view=[True, True, False])

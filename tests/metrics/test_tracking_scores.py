@@ -197,6 +197,14 @@ def test_speeds_are_guessed_by_segment_and_from_the_first_frame() -> None:
     assert scores(empty_first, guesses([box(10)], frame=[1]), VELOCITY)[FAST].counts.match[0] == 0
 
 
+def test_each_segment_decides_for_itself_whether_its_predictions_have_speeds() -> None:
+    """The first segment gives speeds (standing ones), the second none: only there the label's is taken."""
+    truth = labels([box(10), box(10)], sequence=["s", "t"], velocity_mps=[[12, 0], [12, 0]])
+    for order, matches in ((["s", "t"], 1), (["t", "s"], 1)):
+        predictions = guesses([box(10), box(10)], sequence=order, velocity_mps=[[0, 0], [np.nan, np.nan]])
+        assert scores(truth, predictions, VELOCITY)[FAST].counts.match[0] == matches
+
+
 def test_moving_only_asks_both_sides() -> None:
     truth = labels([box(10), box(20)], velocity_mps=[[12, 0], [0, 0]])
     predictions = guesses([box(10), box(20)])
