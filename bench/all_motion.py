@@ -22,7 +22,7 @@ from upvl_cli.config.toml import load
 from upvl_cli.evaluation.config import EvalConfig
 from upvl_cli.evaluation.gather import Material, gather
 from upvl_cli.evaluation.score import detection_scores, named_scores
-from upvl_cli.metrics.inputs import speed_mps
+from upvl_cli.metrics.waymo.inputs import speed_mps
 from upvl_cli.pipeline.presets import make, preset_workspace
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.vlm.mini import OBJECTS

@@ -140,7 +140,7 @@ def _asked(folder: Path, drives: list[str], on: str, by: str) -> None:
         wanted = found = right = 0
         for name in drives:
             truth = labels[name]
-            is_kind = _is(phrase, truth) & (truth.points >= 6) & AROUND.holds(truth.seven[:, :3])
+            is_kind = _is(phrase, truth) & (truth.points >= 6) & AROUND.contains(truth.seven[:, :3])
             for frame in np.unique(truth.frame):
                 of = truth.seven[is_kind & (truth.frame == frame)]
                 boxes = hits.seven[(hits.segment == name) & (hits.frame == frame)].astype(np.float64)

@@ -27,7 +27,7 @@ from upvl_cli.evaluation.config import EvalConfig
 from upvl_cli.evaluation.gather import Material, gather
 from upvl_cli.evaluation.score import TrackScore, detection_scores, track_scores
 from upvl_cli.geometry.iou import iou_3d, iou_bev
-from upvl_cli.metrics.inputs import Predictions, Truth, speed_mps
+from upvl_cli.metrics.waymo.inputs import Predictions, Truth, speed_mps
 from upvl_cli.pipeline.workspace import Workspace
 from workspaces import on_kitti
 
@@ -40,7 +40,9 @@ TOUCHED_IOU, MAX_FALSE = 0.1, 1.0
 
 def near(material: Material) -> Material:
     """Return what lies within `FAR_M`."""
-    labels, boxes = (np.hypot(*of.seven[:, :2].T) <= FAR_M for of in (material.labels, material.predictions))
+    labels, boxes = (
+        np.hypot(*side.center_m[:, :2].T) <= FAR_M for side in (material.labels, material.predictions)
+    )
     return replace(
         material,
         labels=material.labels[labels],
@@ -52,7 +54,9 @@ def near(material: Material) -> Material:
 
 def frames(truth: Truth, predictions: Predictions) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield for each frame which labels and which predictions it has, by row."""
-    keys = (list(zip(of.sequence.tolist(), of.frame.tolist(), strict=True)) for of in (truth, predictions))
+    keys = (
+        list(zip(side.sequence.tolist(), side.frame.tolist(), strict=True)) for side in (truth, predictions)
+    )
     of_truth, of_predictions = keys
     for key in sorted({*of_truth, *of_predictions}):
         yield (
@@ -93,7 +97,7 @@ def idf1(material: Material, settings: EvalConfig, track: TrackScore) -> float:
     box_names, box_number = named(boxes)
     shared = np.zeros((names, box_names))
     for labels, here in frames(truth, boxes):
-        row, column = np.nonzero(iou_3d(truth.seven[labels], boxes.seven[here]) >= track.iou)
+        row, column = np.nonzero(iou_3d(truth[labels], boxes[here]) >= track.iou)
         np.add.at(shared, (number[labels[row]], box_number[here[column]]), 1)
     found = shared[linear_sum_assignment(shared, maximize=True)].sum()
     return float(2 * found / max(len(truth) + len(boxes), 1))
@@ -101,8 +105,8 @@ def idf1(material: Material, settings: EvalConfig, track: TrackScore) -> float:
 
 def named(boxes: Truth | Predictions) -> tuple[int, np.ndarray]:
     """Return how many objects there are, and the (n,) number of the object of each box."""
-    whole = np.char.add(np.char.add(boxes.sequence.astype(str), "/"), boxes.object_id.astype(str))
-    names, number = np.unique(whole, return_inverse=True)
+    object_name = np.char.add(np.char.add(boxes.sequence.astype(str), "/"), boxes.object_id.astype(str))
+    names, number = np.unique(object_name, return_inverse=True)
     return len(names), number
 
 
@@ -110,13 +114,15 @@ def covered(truth: Truth, points: np.ndarray, predictions: Predictions, moving_m
     """Print how well each moving object is covered, and yield whether each meets its bars."""
     best, track = np.zeros(len(truth)), np.full(len(truth), "", dtype="<U32")
     for labels, here in frames(truth, predictions):
-        iou = iou_bev(truth.seven[labels], predictions.seven[here])
+        iou = iou_bev(truth[labels], predictions[here])
         if iou.size:
             best[labels] = iou.max(axis=1)
             track[labels] = predictions.object_id[here][iou.argmax(axis=1)]
-    whole = np.char.add(np.char.add(truth.sequence.astype(str), " object "), truth.object_id.astype(str))
-    for name in np.unique(whole):
-        asked = (whole == name) & (points >= MIN_POINTS)
+    object_name = np.char.add(
+        np.char.add(truth.sequence.astype(str), " object "), truth.object_id.astype(str)
+    )
+    for name in np.unique(object_name):
+        asked = (object_name == name) & (points >= MIN_POINTS)
         if not asked.any() or np.median(speed_mps(truth.velocity_mps[asked])) < moving_mps:
             continue
         hit = asked & (best >= COVERED_IOU)
@@ -134,7 +140,7 @@ def false_boxes(material: Material, moving_mps: float) -> float:
     truth = material.labels[speed_mps(material.labels.velocity_mps) >= moving_mps]
     false = 0
     for labels, here in frames(truth, material.predictions):
-        iou = iou_bev(material.predictions.seven[here], truth.seven[labels])
+        iou = iou_bev(material.predictions[here], truth[labels])
         false += int((iou.max(axis=1, initial=0.0) < TOUCHED_IOU).sum())
     return false / max(material.frames, 1)
 

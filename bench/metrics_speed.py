@@ -13,11 +13,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from upvl_cli.metrics.breakdown import ALL_BUT_SIGN, OBJECT_TYPE, RANGE, SIZE, VELOCITY
-from upvl_cli.metrics.detection import detection
-from upvl_cli.metrics.inputs import Predictions, Truth
-from upvl_cli.metrics.official import IOU_THRESHOLDS, SCORE_CUTOFFS
-from upvl_cli.metrics.tracking import tracking
+from upvl_cli.metrics.waymo.breakdown import ALL_BUT_SIGN, OBJECT_TYPE, RANGE, SIZE, VELOCITY
+from upvl_cli.metrics.waymo.detection import detection
+from upvl_cli.metrics.waymo.inputs import Predictions, Truth
+from upvl_cli.metrics.waymo.official import IOU_THRESHOLDS, SCORE_CUTOFFS
+from upvl_cli.metrics.waymo.tracking import tracking
 from upvl_cli.types import Array
 
 FRAMES, BOXES = 200, 100
@@ -46,11 +46,17 @@ def street(crowding: float) -> tuple[Truth, Predictions]:
     place = (place + crowding / 2) % crowding - crowding / 2
     size = SIZES[kind - 1][number]
     heading = rng.uniform(-np.pi, np.pi, BOXES)[number]
-    seven = np.column_stack([place, size[:, 2] / 2, size, heading])
+    rows = np.column_stack([place, size[:, 2] / 2, size, heading])
     names = np.array([f"object {i}" for i in range(BOXES)])
     level = rng.integers(1, 3, len(frame))
-    truth = Truth(
-        np.full(len(frame), "drive"), frame, seven, kind[number], level, velocity[number], names[number]
+    truth = Truth.from_rows(
+        rows,
+        sequence=np.full(len(frame), "drive"),
+        frame=frame,
+        type=kind[number],
+        level=level,
+        velocity_mps=velocity[number],
+        object_id=names[number],
     )
     return truth, predicted(truth, number, rng)
 
@@ -63,28 +69,28 @@ def unit(angle: Array) -> Array:
 def predicted(truth: Truth, number: Array, rng: np.random.Generator) -> Predictions:
     """Return the labels with noise, some of them twice and some elsewhere."""
     n = len(truth)
-    seven = truth.seven * [1, 1, 1, *rng.normal(1, 0.05, 3), 1]
-    seven[:, :2] += rng.normal(0, 0.08, (n, 2)) * truth.seven[:, 3:5]
-    seven[:, 6] += rng.normal(0, 0.05, n)
+    rows = truth.to_rows() * [1, 1, 1, *rng.normal(1, 0.05, 3), 1]
+    rows[:, :2] += rng.normal(0, 0.08, (n, 2)) * truth.size_lwh_m[:, :2]
+    rows[:, 6] += rng.normal(0, 0.05, n)
     source = np.arange(n)
     twice = rng.random(n) < 0.1
     source[twice] = np.roll(source, 1)[twice]  # mostly a neighbour in the list: the same frame
-    seven[twice] = seven[source[twice]] + rng.normal(0, 0.05, (twice.sum(), 7))
+    rows[twice] = rows[source[twice]] + rng.normal(0, 0.05, (twice.sum(), 7))
     false = rng.random(n) < 0.15
-    seven[false, :2] += rng.uniform(-20, 20, (false.sum(), 2))
+    rows[false, :2] += rng.uniform(-20, 20, (false.sum(), 2))
     switches = np.cumsum(rng.random((FRAMES, BOXES)) < 1 / 60, axis=0).reshape(-1)
     track = np.where(twice, "twin ", "track ").astype("<U24")
     name = np.char.add(track, np.char.add(number.astype(str), np.char.add(".", switches.astype(str))))
     score = np.clip(np.where(false, rng.beta(2, 3, n), rng.beta(4, 2, n)), 0, 1)
-    return Predictions(
-        truth.sequence,
-        truth.frame,
-        seven,
-        truth.type[source],
-        score,
-        np.full((n, 2), np.nan),
-        name,
-        false & twice,
+    return Predictions.from_rows(
+        rows,
+        sequence=truth.sequence,
+        frame=truth.frame,
+        type=truth.type[source],
+        score=score,
+        velocity_mps=np.full((n, 2), np.nan),
+        object_id=name,
+        unlabelled=false & twice,
     )
 
 

@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 
 from upvl_cli.errors import BadInput
-from upvl_cli.metrics.breakdown import BREAKDOWNS
-from upvl_cli.metrics.detection import DetectionResult, detection
-from upvl_cli.metrics.inputs import Predictions, Truth, relabelled, resolved_level
-from upvl_cli.metrics.official import IOU_THRESHOLDS, SCORE_CUTOFFS
-from upvl_cli.metrics.tracking import TrackingResult, tracking
+from upvl_cli.metrics.waymo.breakdown import BREAKDOWNS
+from upvl_cli.metrics.waymo.detection import DetectionResult, detection
+from upvl_cli.metrics.waymo.inputs import Predictions, Truth, map_types, resolve_level
+from upvl_cli.metrics.waymo.official import IOU_THRESHOLDS, SCORE_CUTOFFS
+from upvl_cli.metrics.waymo.tracking import TrackingResult, tracking
 
 TOLERANCE = 1e-6
 MATCHERS = {"TYPE_HUNGARIAN": "hungarian", "TYPE_SCORE_FIRST": "score_first"}
@@ -126,15 +126,29 @@ def boxes(vector: Mapping[str, Any], task: Task) -> tuple[Truth, Predictions]:
     g, p = need(vector["gt"], LABEL_KEYS, "gt"), need(vector["pd"], PREDICTION_KEYS, "pd")
     raw = np.asarray(g["tracking_difficulty" if task.tracked else "detection_difficulty"], dtype=np.int64)
     points = np.asarray(g["num_points"], dtype=np.int64)
-    level = raw if task.tracked else resolved_level(raw, points)
-    truth = Truth(g["context"], g["frame"], g["box"], g["type"], level, velocity(g["speed"]), g["id"])
+    level = raw if task.tracked else resolve_level(raw, points)
+    truth = Truth.from_rows(
+        g["box"],
+        sequence=g["context"],
+        frame=g["frame"],
+        type=g["type"],
+        level=level,
+        velocity_mps=velocity(g["speed"]),
+        object_id=g["id"],
+    )
     truth = truth if task.tracked else truth[points > 0]
-    predictions = Predictions(
-        *(p[key] for key in ("context", "frame", "box", "type", "score")),
-        *(velocity(p["speed"]), p["id"], p["overlap_nlz"]),
+    predictions = Predictions.from_rows(
+        p["box"],
+        sequence=p["context"],
+        frame=p["frame"],
+        type=p["type"],
+        score=p["score"],
+        velocity_mps=velocity(p["speed"]),
+        object_id=p["id"],
+        unlabelled=p["overlap_nlz"],
     )
     types = {4: 2} if task.merged else {}
-    return relabelled(truth, types), relabelled(predictions, types)
+    return map_types(truth, types), map_types(predictions, types)
 
 
 def velocity(speed: list[Any]) -> list[list[float]]:

@@ -17,10 +17,10 @@ from upvl_cli.detector.loss import Criterion, FeatureSpace, Losses, losses
 from upvl_cli.detector.model import Detector, Output
 from upvl_cli.detector.targets import make_targets
 from upvl_cli.errors import BadInput, BadSetting
-from upvl_cli.metrics.breakdown import ONE_SHARD
-from upvl_cli.metrics.detection import detection
-from upvl_cli.metrics.inputs import Predictions, Truth
-from upvl_cli.metrics.official import SCORE_CUTOFFS
+from upvl_cli.metrics.waymo.breakdown import ONE_SHARD
+from upvl_cli.metrics.waymo.detection import detection
+from upvl_cli.metrics.waymo.inputs import Predictions, Truth
+from upvl_cli.metrics.waymo.official import SCORE_CUTOFFS
 from upvl_cli.types import Boxes, concat
 
 SPACE = FeatureSpace.from_basis(
@@ -64,11 +64,14 @@ def precision(found: Detections) -> float:
     """AP at 3D IoU 0.4 against the boxes of the street, of any class, by the official tool's rules."""
     n, m = len(BOXES), len(found.score)
     many = {"velocity_mps": np.zeros((n, 2)), "object_id": [str(i) for i in range(n)]}
-    truth = Truth(["s"] * n, [0] * n, BOXES.to_rows(), [1] * n, [1] * n, **many)
-    columns = [1] * m, found.score, np.zeros((m, 2)), ["p"] * m, [False] * m
+    truth = Truth.from_rows(
+        BOXES.to_rows(), sequence=["s"] * n, frame=[0] * n, type=[1] * n, level=[1] * n, **many
+    )
+    columns = {"sequence": ["s"] * m, "frame": [0] * m, "type": [1] * m, "score": found.score}
+    columns |= {"velocity_mps": np.zeros((m, 2)), "object_id": ["p"] * m, "unlabelled": [False] * m}
     result = detection(
         truth,
-        Predictions(["s"] * m, [0] * m, found.to_rows(), *columns),
+        Predictions.from_rows(found.to_rows(), **columns),
         iou_thresholds=[0.4] * 5,
         breakdowns=[ONE_SHARD],
         score_cutoffs=SCORE_CUTOFFS,

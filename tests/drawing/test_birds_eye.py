@@ -6,13 +6,13 @@ import numpy as np
 
 from upvl_cli.drawing import colours
 from upvl_cli.drawing.birds_eye import PIXELS_PER_METRE, View, birds_eye
-from upvl_cli.types import Boxes
+from upvl_cli.types import TrackedBoxes, empty
 
 VIEW = View(x_min_m=-5.0, x_max_m=15.0, y_min_m=-8.0, y_max_m=8.0)
-NO_BOXES = Boxes(np.zeros((0, 7)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
+NO_BOXES = empty(TrackedBoxes)
 
 
-def picture(xyz: list[list[float]], state: list[int], boxes: Boxes = NO_BOXES) -> np.ndarray:
+def picture(xyz: list[list[float]], state: list[int], boxes: TrackedBoxes = NO_BOXES) -> np.ndarray:
     return np.asarray(birds_eye(VIEW, np.array(xyz).reshape(-1, 3), np.array(state), boxes, {}, ""))
 
 
@@ -37,15 +37,17 @@ def test_points_out_of_view_are_left_out() -> None:
 
 
 def test_a_box_is_drawn_in_the_colour_of_its_track() -> None:
-    box = Boxes(np.array([[7, 0, 1, 4, 2, 1.5, 0]]), np.zeros((1, 3)), np.ones(1), np.array([3]))
+    box = TrackedBoxes.from_rows(
+        np.array([[7, 0, 1, 4, 2, 1.5, 0]]), velocity_mps=np.zeros((1, 3)), score=np.ones(1), track_id=[3]
+    )
     drawn = picture([], [], box)
     for x_m, y_m in ((9, 0.5), (5, 0.5), (7, 1), (7, -1), (8, 0)):  # four sides, and the line to the nose
         row, column = pixel(x_m, y_m)
         near = drawn[row - 1 : row + 2, column - 1 : column + 2].reshape(-1, 3)
-        assert colours.of_track(3) in [tuple(colour) for colour in near], (x_m, y_m)
+        assert colours.track_colour(3) in [tuple(colour) for colour in near], (x_m, y_m)
 
 
 def test_neighbouring_tracks_have_colours_that_differ() -> None:
-    shades = np.array([colours.of_track(number) for number in range(6)], dtype=float)
+    shades = np.array([colours.track_colour(number) for number in range(6)], dtype=float)
     apart = np.linalg.norm(shades[:, None] - shades, axis=2)[~np.eye(6, dtype=bool)]
     assert apart.min() > 50

@@ -8,7 +8,7 @@ import numpy as np
 
 from upvl_cli.drawing import colours
 from upvl_cli.drawing.camera_view import camera_view
-from upvl_cli.types import Boxes, Camera
+from upvl_cli.types import Camera, TrackedBoxes
 
 # Looks along x from the ego origin: 100 px a unit of slope, centre at (600, 200).
 AHEAD = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
@@ -16,15 +16,21 @@ CAMERA = Camera("front", 1200, 400, np.array([[100.0, 0, 600], [0, 100, 200], [0
 GREY = np.full((400, 1200, 3), 90, np.uint8)
 
 
-def drawn(*seven: list[float]) -> np.ndarray:
-    boxes = np.array(seven, dtype=float).reshape(-1, 7)
-    n = len(boxes)
-    return np.asarray(camera_view(GREY, CAMERA, Boxes(boxes, np.zeros((n, 3)), np.ones(n), np.arange(n))))
+def tracked(*rows: list[float]) -> TrackedBoxes:
+    """Boxes x, y, z, length, width, height, heading, of one track each."""
+    n = len(rows)
+    return TrackedBoxes.from_rows(
+        np.array(rows), velocity_mps=np.zeros((n, 3)), score=np.ones(n), track_id=np.arange(n)
+    )
+
+
+def drawn(*rows: list[float]) -> np.ndarray:
+    return np.asarray(camera_view(GREY, CAMERA, tracked(*rows)))
 
 
 def test_the_near_face_stands_where_the_pinhole_puts_it() -> None:
     picture = drawn([12, 0, 0, 4, 4, 2, 0])  # the near face is 10 m ahead, 4 m wide, 2 m high: 40 by 20 px
-    coloured = np.argwhere((picture == colours.of_track(0)).all(axis=2))
+    coloured = np.argwhere((picture == colours.track_colour(0)).all(axis=2))
     text_is_above = coloured[coloured[:, 0] >= 189]
     assert abs(text_is_above[:, 0].max() - 210) <= 1
     columns = coloured[np.abs(coloured[:, 0] - 200) <= 5][:, 1]
@@ -41,14 +47,12 @@ def test_without_boxes_it_is_the_picture() -> None:
 
 
 def test_a_small_picture_is_enlarged() -> None:
-    small = camera_view(
-        GREY[:100, :300], CAMERA, Boxes(np.zeros((0, 7)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
-    )
+    small = camera_view(GREY[:100, :300], CAMERA, tracked())
     assert small.size == (1200, 400)
 
 
 def test_a_line_that_leads_far_aside_is_not_walked_along() -> None:
     # Its near edges span 9 000 million pixels: Pillow would take minutes, or count beyond its numbers.
     camera = replace(CAMERA, intrinsic=np.array([[1e6, 0, 600], [0, 1e6, 200], [0, 0, 1]]))
-    boxes = Boxes(np.array([[5.0, 0, 0, 8, 9_000, 2, 0]]), np.zeros((1, 3)), np.ones(1), np.zeros(1))
+    boxes = tracked([5.0, 0, 0, 8, 9_000, 2, 0])
     np.testing.assert_array_equal(np.asarray(camera_view(GREY, camera, boxes)), GREY)

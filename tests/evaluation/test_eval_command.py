@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import re
+import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,11 +15,12 @@ import pytest
 from rich.console import Console
 from scored_world import write_auto_labels
 
-from command import fails, make_workspace, set_value, upvl
+from command import ROOT, fails, make_workspace, set_value, upvl
 from tiny_kitti import TinyDrive, numbers, write_drive, write_tracklets
 from upvl_cli.commands.pipeline import PIPELINE
 from upvl_cli.errors import UpvlError
-from upvl_cli.evaluation.run import evaluate, shown
+from upvl_cli.evaluation.run import evaluate, render
+from upvl_cli.pipeline.presets import with_preset
 from upvl_cli.pipeline.workspace import Workspace
 
 # The car of the drive is 4 m long, 12 m ahead, and drives at 8 m/s.
@@ -105,7 +107,7 @@ def told(folder: Path, what: str = "labels", *, moving_only: bool = True, region
     """What it prints of the scores, without a process of its own."""
     workspace = Workspace(PIPELINE, folder / "stages", folder / "out")
     console = Console(file=io.StringIO(), width=200)
-    for item in shown(evaluate(workspace, what, moving_only, True, region, {})):
+    for item in render(evaluate(workspace, what, moving_only, True, region, {})):
         console.print(item, markup=False, highlight=False)
     return console.file.getvalue()
 
@@ -156,6 +158,24 @@ def test_odd_surroundings_change_no_picture_and_no_word(workspace: Path) -> None
 def test_tracks_are_scored(workspace: Path) -> None:
     assert printed(workspace, "--what", "tracks", "--class-agnostic") == TRACKS
     assert report(workspace, "tracks-moving-only")["tracking"][1]["mota"] == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize(("preset", "mode"), [("", "all-motion"), ("moving-only", "moving-only")])
+def test_the_labels_of_the_folder_decide_whether_standing_objects_count(
+    drive: TinyDrive, tmp_path: Path, preset: str, mode: str
+) -> None:
+    """As `upvl autolabel --all-motion` and `--moving-only` leave the folder, with the values that ship."""
+    folder = tmp_path / "shipped"
+    shutil.copytree(ROOT / "stages", folder / "stages")
+    for key, value in {"dataset": "kitti", "root": str(drive.root)}.items():
+        set_value(folder, "raw", key, f'"{value}"')
+    made_with = Workspace(PIPELINE, folder / "stages", folder / "out")
+    with_preset(made_with, preset, made_with.pipeline.labelling_stages)
+    write_auto_labels(folder, drive.segment, boxes_of(drive))
+    assert printed(folder).startswith(f"labels, {mode}, class-agnostic\n")
+    assert report(folder, f"labels-{mode}")["scope"]["mode"] == mode
+    for other in ("all-motion", "moving-only"):
+        assert told(folder, moving_only=other == "moving-only").startswith(f"labels, {other}, ")
 
 
 @pytest.mark.parametrize(

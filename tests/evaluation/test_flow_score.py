@@ -10,6 +10,7 @@ import pytest
 from scored_world import SETTINGS
 
 from command import make_workspace
+from tiny_kitti import write_drive
 from upvl_cli.commands.pipeline import PIPELINE
 from upvl_cli.evaluation.flow_score import FlowScore, flow_score
 from upvl_cli.pipeline.runner import make_shard
@@ -67,5 +68,6 @@ def test_half_the_flow_is_half_wrong(tmp_path: Path, true_mps: dict[int, np.ndar
 
 
 def test_a_dataset_that_does_not_know_has_no_score(tmp_path: Path) -> None:
-    folder = make_workspace(tmp_path, raw__dataset='"kitti"')
+    drive = write_drive(tmp_path / "drives")
+    folder = make_workspace(tmp_path / "work", raw__dataset='"kitti"', raw__root=f'"{drive.root}"')
     assert flow_score(Workspace(PIPELINE, folder / "stages", folder / "out"), SETTINGS) is None

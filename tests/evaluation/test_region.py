@@ -24,8 +24,8 @@ def test_anything_else_is_refused(text: str) -> None:
 
 def test_the_edge_belongs_to_it_and_height_does_not_matter() -> None:
     places = np.array([[50, 20, 99], [-50, -20, 0], [50.1, 0, 0], [0, 20.1, 0], [0, 0, 0]])
-    assert Region(100.0, 40.0).holds(places).tolist() == [True, True, False, False, True]
+    assert Region(100.0, 40.0).contains(places).tolist() == [True, True, False, False, True]
 
 
 def test_nothing_lies_nowhere() -> None:
-    assert Region(1.0, 1.0).holds(np.zeros((0, 3))).tolist() == []
+    assert Region(1.0, 1.0).contains(np.zeros((0, 3))).tolist() == []

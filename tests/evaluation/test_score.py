@@ -80,6 +80,43 @@ def test_ranges_cut_each_side_by_its_own_centre() -> None:
     assert scores[2].recall == 0.0  # and false on the other
 
 
+def test_where_nothing_is_found_the_precision_is_zero() -> None:
+    """The official tool gives 1 there, for its curve only."""
+    score = whole([(0, 10, 0, MOVING)], [(0, 10, 30, 0.9)])
+    assert (score.precision, score.recall, score.ap) == (0.0, 0.0, (0.0, 0.0))
+
+
+def test_the_reported_precision_and_recall_are_those_of_the_best_f1_at_level_2() -> None:
+    # An easy label is found at .9 and a hard one at .5, with a false box at .7: F1 is 2/3, 1/2, then 4/5.
+    labels, boxes = (
+        [(0, 10, 0, MOVING), (0, 20, 0, MOVING)],
+        [(0, 10, 0, 0.9), (0, 60, 0, 0.7), (0, 20, 0, 0.5)],
+    )
+    score = whole(labels, boxes, points=[100, 3])
+    assert score.labels == (1, 2)
+    assert (score.precision, score.recall) == pytest.approx((2 / 3, 1.0))
+    assert score.cutoff == 0.0
+
+
+def test_range_takes_in_the_height() -> None:
+    """As Waymo's does: 29.9 m ahead and 5 m up is 30.3 m away."""
+    case = material([(0, 29.9, 0, MOVING)], [(0, 29.9, 0, 0.9)])
+    raised = replace(case.labels, center_m=case.labels.center_m + [0, 0, 5.0])
+    scores = detection_scores(replace(case, labels=raised), ONE_IOU, moving_only=True)
+    assert [score.labels[1] for score in scores] == [1, 0, 1, 0]
+
+
+def test_the_analysis_of_errors_has_an_iou_of_its_own() -> None:
+    """A box with IoU 0.6 is right from 0.4 on, whatever IoU the average precision is asked at."""
+    case = material([(0, 10, 0, MOVING)], [(0, 11, 0, 0.9)])
+    best = diagnosis(case, replace(SETTINGS, iou=(0.7,), right_iou=0.4, top_share=1.0), moving_only=True).best
+    assert best is not None
+    assert (best.right, best.localisation) == (1, 0)
+    best = diagnosis(case, replace(SETTINGS, iou=(0.4,), right_iou=0.7, top_share=1.0), moving_only=True).best
+    assert best is not None
+    assert (best.right, best.localisation) == (0, 1)
+
+
 def test_one_score_for_each_iou() -> None:
     case = material([(0, 10, 0, MOVING)], [(0, 11, 0, 0.9)])
     scores = detection_scores(case, replace(SETTINGS, iou=(0.4, 0.5, 0.7)), moving_only=True)
@@ -113,6 +150,14 @@ def test_boxes_on_standing_labels_are_neither_right_nor_wrong() -> None:
     everything = diagnosis(material(labels, boxes), SETTINGS, moving_only=False).best
     assert everything is not None
     assert (everything.labels, everything.right, everything.localisation) == (4, 1, 1)
+
+
+def test_a_match_with_a_standing_label_is_not_right_where_only_moving_ones_count() -> None:
+    case = material([(0, 10, 0, MOVING), (0, 30, 0, STANDING)], [(0, 30, 0, 0.9)])
+    all_looked_at = replace(SETTINGS, top_share=1.0)
+    best = diagnosis(case, all_looked_at, moving_only=True).best
+    assert best is not None
+    assert (best.labels, best.right, best.localisation, best.background) == (1, 0, 0, 0)
 
 
 def test_which_labels_are_missed() -> None:
@@ -163,15 +208,16 @@ BOXES = st.lists(st.tuples(PLACES, st.sampled_from([0.0, 0.5, 1.0])), max_size=8
 
 def scaled(boxes, scale):
     """The boxes in another size."""
-    return replace(boxes, seven=boxes.seven * np.array([1, 1, 1, scale, scale, scale, 1]))
+    return replace(boxes, size_lwh_m=boxes.size_lwh_m * scale)
 
 
+@pytest.mark.parametrize("part", ["center_m", "size_lwh_m", "heading_rad"])
 @pytest.mark.parametrize("wrong", [np.nan, np.inf])
-def test_a_box_that_is_no_box_is_refused(wrong: float) -> None:
+def test_a_box_that_is_no_box_is_refused(wrong: float, part: str) -> None:
     case = material([(0, 10, 0, MOVING)], [(0, 10, 0, 0.9)])
     for boxes in (case.labels, case.predictions):
         with pytest.raises(BadInput, match=r"segment drive, frame 0\) has a box that is not finite"):
-            replace(boxes, seven=boxes.seven + wrong)
+            replace(boxes, **{part: getattr(boxes, part) + wrong})
 
 
 @settings(max_examples=60)

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from upvl_cli.errors import BadInput
-from upvl_cli.geometry.boxes import checked, corners, corners_bev, pairs_inside, points_inside, transform
+from upvl_cli.geometry.boxes import corners, corners_bev, geometry_of, pairs_inside, points_inside, transform
 from upvl_cli.geometry.se3 import apply, from_yaw, inverse
+from upvl_cli.types import Boxes, TrackedBoxes
 
 
 def random_boxes(n: int, seed: int = 0) -> np.ndarray:
@@ -99,8 +100,37 @@ def test_empty() -> None:
 
 def test_bad_boxes_are_refused_in_one_line() -> None:
     with pytest.raises(BadInput, match=r"^boxes have shape \(1, 6\), expected \(n, 7\).*$"):
-        checked(np.zeros((1, 6)))
-    rows = np.zeros((4, 7))
-    rows[2, 0] = math.nan
-    with pytest.raises(BadInput, match=r"^box 2 is not finite: .*$"):
-        corners(rows)
+        geometry_of(np.zeros((1, 6)))
+
+
+@pytest.mark.parametrize("column", range(7))
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_a_box_with_one_number_that_is_not_finite_is_named(column: int, bad: float) -> None:
+    rows = np.ones((4, 7))
+    rows[2, column] = bad
+    for refuses in (corners, corners_bev, lambda boxes: transform(boxes, np.eye(4))):
+        with pytest.raises(BadInput, match=r"^box 2 is not finite: .*$"):
+            refuses(Boxes.from_rows(rows))
+
+
+def test_a_transform_leaves_behind_what_only_a_subclass_knows() -> None:
+    """A velocity along the axes of src would be wrong along those of dst."""
+    tracked = TrackedBoxes.from_rows(
+        random_boxes(3), velocity_mps=np.ones((3, 3)), score=np.ones(3), track_id=np.arange(3)
+    )
+    turn = from_yaw(0.5, [1.0, 2.0, 3.0])
+    moved = transform(tracked, turn)
+    assert type(moved) is Boxes
+    np.testing.assert_array_equal(moved.to_rows(), transform(random_boxes(3), turn))
+
+
+def test_rows_and_boxes_give_the_same() -> None:
+    rows, xyz = random_boxes(12), np.random.default_rng(1).normal(0, 8, (500, 3))
+    for function in (corners, corners_bev):
+        np.testing.assert_array_equal(function(Boxes.from_rows(rows)), function(rows))
+    for of_boxes, of_rows in zip(
+        pairs_inside(xyz, Boxes.from_rows(rows), margin_m=0.1),
+        pairs_inside(xyz, rows, margin_m=0.1),
+        strict=True,
+    ):
+        np.testing.assert_array_equal(of_boxes, of_rows)

@@ -102,3 +102,14 @@ def test_empty() -> None:
     assert (uv_px.shape, depth_m.shape, visible.shape) == ((0, 2), (0,), (0,))
     assert project(camera(NONE), [])[0].shape == (0, 2)
     assert rays(camera(NONE), []).shape == (0, 3)
+
+
+@pytest.mark.parametrize("depth_m", [0.0, -0.5, -2.0])
+def test_a_point_beside_or_just_behind_the_lens_has_no_pixel(depth_m: float) -> None:
+    """Divided by a negative depth it would land in the image, mirrored."""
+    camera = Camera("c", 100, 100, np.array([[50.0, 0, 50], [0, 50, 50], [0, 0, 1]]), np.zeros(5), np.eye(4))
+    uv_px, depth, inside = project(camera, np.array([[0.1, 0.1, depth_m], [0.1, 0.1, 1.0]]))
+    assert np.isnan(uv_px[0]).all()
+    np.testing.assert_allclose(uv_px[1], [55, 55])
+    assert depth.tolist() == [depth_m, 1.0]
+    assert inside.tolist() == [False, True]

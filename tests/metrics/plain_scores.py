@@ -8,10 +8,10 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from upvl_cli.geometry.iou import iou_3d
-from upvl_cli.metrics.assignment import official_hungarian
-from upvl_cli.metrics.breakdown import Breakdown
-from upvl_cli.metrics.heading import heading_accuracy
-from upvl_cli.metrics.inputs import Predictions, Truth
+from upvl_cli.metrics.waymo.assignment import official_hungarian
+from upvl_cli.metrics.waymo.breakdown import Breakdown
+from upvl_cli.metrics.waymo.heading import heading_accuracy
+from upvl_cli.metrics.waymo.inputs import Predictions, Truth
 from upvl_cli.types import Array
 
 Solve = Callable[[Array, Array, Array], Array]
@@ -55,7 +55,7 @@ def frames(truth: Truth, predictions: Predictions) -> Iterator[tuple[str, int, T
 
 def tables(truth: Truth, predictions: Predictions, thresholds: Array) -> tuple[Array, Array, Array]:
     """(p, t) float32 IoU of equal types, its weight, and the weight of pairs that reach the threshold."""
-    iou = iou_3d(predictions.seven, truth.seven).astype(np.float32)
+    iou = iou_3d(predictions, truth).astype(np.float32)
     iou[predictions.type[:, None] != truth.type] = 0
     least = np.asarray(thresholds, dtype=np.float32)[predictions.type][:, None]
     weight = np.floor((iou * np.float32(1e6)).astype(np.float64) + 0.5).astype(np.int64)
@@ -93,7 +93,9 @@ def _count(counts, s, c, labels, boxes, iou, shard, used, mine, column, apart): 
     for p, j in zip(used, column, strict=True):
         if j >= 0 and shard[mine[j]] == s:
             counts["tp"][:, s, c] += 1
-            counts["ha"][:, s, c] += heading_accuracy(boxes.seven[[p], 6], labels.seven[[mine[j]], 6])[0]
+            counts["ha"][:, s, c] += heading_accuracy(boxes.heading_rad[[p]], labels.heading_rad[[mine[j]]])[
+                0
+            ]
         if j < 0 and not boxes.unlabelled[p]:
             near = [t for t in mine if iou[p, t] >= 0.01]
             best = max(near, key=lambda t: (iou[p, t], t), default=None)

@@ -11,8 +11,14 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from plain_scores import scipy_hungarian
 
-from upvl_cli.metrics.assignment import heaviest, official_hungarian, ranked_first, score_first, weights_of
-from upvl_cli.metrics.score_order import by_score
+from upvl_cli.metrics.waymo.assignment import (
+    heaviest_matching,
+    match_by_score,
+    official_hungarian,
+    official_score_first,
+    weights_of,
+)
+from upvl_cli.metrics.waymo.score_order import order_by_score
 
 TABLES = arrays(np.int64, st.tuples(st.integers(1, 4), st.integers(1, 4)), elements=st.integers(0, 4))
 
@@ -30,7 +36,7 @@ def best_matchings(weight: np.ndarray) -> set[frozenset[tuple[int, int]]]:
 @given(TABLES)
 def test_heaviest_knows_when_another_matching_weighs_as_much(weight: np.ndarray) -> None:
     pairs = [(int(r), int(c), int(weight[r, c])) for r, c in np.argwhere(weight > 0)]
-    chosen, open_pairs = heaviest(pairs)
+    chosen, open_pairs = heaviest_matching(pairs)
     best = best_matchings(weight)
     assert frozenset(pairs[i][:2] for i in chosen) in best
     assert bool(open_pairs) == (len(best) > 1)
@@ -64,21 +70,24 @@ def test_ties_fall_as_officially(weight: list[list[int]], column: list[int]) -> 
 
 
 def test_nothing_to_match() -> None:
-    assert heaviest([]) == ([], [])
+    assert heaviest_matching([]) == ([], [])
     assert official_hungarian(np.zeros((0, 0), dtype=np.int64)).tolist() == []
     assert official_hungarian(np.zeros((0, 3), dtype=np.int64)).tolist() == []
     assert official_hungarian(np.zeros((2, 0), dtype=np.int64)).tolist() == [-1, -1]
-    assert score_first(np.zeros((2, 0), dtype=bool), np.zeros((2, 0)), np.ones(2)).tolist() == [-1, -1]
-    assert ranked_first([], []) == []
-    assert by_score(np.zeros(0)).tolist() == []
+    assert official_score_first(np.zeros((2, 0), dtype=bool), np.zeros((2, 0)), np.ones(2)).tolist() == [
+        -1,
+        -1,
+    ]
+    assert match_by_score([], []) == []
+    assert order_by_score(np.zeros(0)).tolist() == []
 
 
 def test_score_first_takes_the_best_free_label_in_turn() -> None:
     weight = np.array([[3, 2], [5, 4]])
-    assert score_first(weight > 0, weight, np.array([0.9, 0.1])).tolist() == [0, 1]
-    assert score_first(weight > 0, weight, np.array([0.1, 0.9])).tolist() == [1, 0]
+    assert official_score_first(weight > 0, weight, np.array([0.9, 0.1])).tolist() == [0, 1]
+    assert official_score_first(weight > 0, weight, np.array([0.1, 0.9])).tolist() == [1, 0]
     pairs = [(0, 0, 3), (0, 1, 2), (1, 0, 5), (1, 1, 4)]
-    assert ranked_first(pairs, [0.9, 0.9, 0.1, 0.1]) == [0, 3]
+    assert match_by_score(pairs, [0.9, 0.9, 0.1, 0.1]) == [0, 3]
 
 
 def test_weights_are_rounded_as_float32() -> None:
@@ -152,12 +161,12 @@ def test_equal_scores_of_many_come_in_the_order_of_std_sort() -> None:
         18,
         14,
     ]
-    assert by_score(np.array(tenths, dtype=np.float32) / 10).tolist() == [*order, 6, 24, 20, 12, 31, 32]
+    assert order_by_score(np.array(tenths, dtype=np.float32) / 10).tolist() == [*order, 6, 24, 20, 12, 31, 32]
 
 
 @given(st.lists(st.integers(0, 9), max_size=200))
 def test_score_order_descends(tenths: list[int]) -> None:
-    order = by_score(np.array(tenths) / 10)
+    order = order_by_score(np.array(tenths) / 10)
     assert sorted(order.tolist()) == list(range(len(tenths)))
     assert (np.diff(np.array(tenths, dtype=np.int64)[order]) <= 0).all()
     if len(tenths) <= 16:  # short ranges are only insertion-sorted: stable

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from upvl_cli.metrics.average_precision import average_precision
+from upvl_cli.metrics.waymo.average_precision import average_precision
 
 UNITS = st.floats(0, 1, width=32)
 

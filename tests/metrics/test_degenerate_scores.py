@@ -9,13 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from streets import guesses, labels
 
-from upvl_cli.metrics.breakdown import BREAKDOWNS, moving
-from upvl_cli.metrics.detection import detection, match_boxes
-from upvl_cli.metrics.inputs import Predictions, Truth
-from upvl_cli.metrics.official import Matcher
-from upvl_cli.metrics.tracking import tracking
+from upvl_cli.metrics.waymo.breakdown import BREAKDOWNS, moving_objects
+from upvl_cli.metrics.waymo.detection import detection, match_boxes
+from upvl_cli.metrics.waymo.inputs import Predictions, Truth
+from upvl_cli.metrics.waymo.official import Matcher
+from upvl_cli.metrics.waymo.tracking import tracking
 
-SPLITS = [*BREAKDOWNS.values(), moving(min_speed_mps=1.0)]
+SPLITS = [*BREAKDOWNS.values(), moving_objects(min_speed_mps=1.0)]
 CUTOFFS = np.array([0.0, 0.3, 0.7, 1.0], dtype=np.float32)
 PLACES = st.sampled_from([0.0, 1.0, 1.5, 29.999, 30.0, -50.0, 1e6, -1e12])
 SIZES = st.sampled_from([0.0, -1.0, 0.01, 0.011, 1.0, 2.0, 7.0, 1e6 - 1, 1e6, 1e12])

@@ -10,11 +10,19 @@ import pytest
 from streets import box, guesses, labels
 
 from upvl_cli.errors import BadInput
-from upvl_cli.metrics.breakdown import OBJECT_TYPE, ONE_SHARD, RANGE, SIZE, VELOCITY, Breakdown, moving
-from upvl_cli.metrics.detection import DetectionResult, detection, match_boxes
-from upvl_cli.metrics.heading import heading_accuracy
-from upvl_cli.metrics.inputs import Predictions, Truth, relabelled, resolved_level, speed_mps
-from upvl_cli.metrics.official import SCORE_CUTOFFS
+from upvl_cli.metrics.waymo.breakdown import (
+    OBJECT_TYPE,
+    ONE_SHARD,
+    RANGE,
+    SIZE,
+    VELOCITY,
+    Breakdown,
+    moving_objects,
+)
+from upvl_cli.metrics.waymo.detection import DetectionResult, detection, match_boxes
+from upvl_cli.metrics.waymo.heading import heading_accuracy
+from upvl_cli.metrics.waymo.inputs import Predictions, Truth, map_types, resolve_level, speed_mps
+from upvl_cli.metrics.waymo.official import SCORE_CUTOFFS
 
 HALF = (0.0, 0.5, 0.5, 0.5, 0.5)
 FAST = [[12.0, 0.0]]
@@ -39,7 +47,7 @@ def car(truth: Truth, predictions: Predictions, level: int = 1, **rule: Any) -> 
 
 def test_perfect_predictions_score_1() -> None:
     truth = labels([box(10), box(20), box(30)])
-    result = car(truth, guesses(truth.seven))
+    result = car(truth, guesses(truth.to_rows()))
     assert (result.ap, result.aph, counts(result)) == (1.0, 1.0, (3, 0, 0))
     assert result.recall[0] == result.precision[0] == 1
     assert result.sum_ha[0] == 3
@@ -120,10 +128,10 @@ def test_types_never_cross() -> None:
 
 def test_relabelling_merges_types() -> None:
     truth, predictions = labels([box(10)], type=[4]), guesses([box(10)], type=[2])
-    merged = scores(relabelled(truth, {4: 2}), relabelled(predictions, {4: 2}))
+    merged = scores(map_types(truth, {4: 2}), map_types(predictions, {4: 2}))
     assert counts(merged["OBJECT_TYPE_TYPE_PEDESTRIAN_LEVEL_2"]) == (1, 0, 0)
     agnostic = {2: 1, 3: 1, 4: 1}
-    assert counts(car(relabelled(truth, agnostic), relabelled(predictions, agnostic))) == (1, 0, 0)
+    assert counts(car(map_types(truth, agnostic), map_types(predictions, agnostic))) == (1, 0, 0)
 
 
 def test_a_pair_across_a_range_border_counts_on_both_sides() -> None:
@@ -161,8 +169,8 @@ def test_moving_only_follows_the_speed_rule() -> None:
     truth = labels([box(10), box(20), box(40)], velocity_mps=[[12, 0], [0, 0], [0.5, 0]])
     predictions = guesses([box(10), box(20), box(22.5), box(60)])
     name = "MOVING_TYPE_VEHICLE_LEVEL_2"
-    assert counts(scores(truth, predictions, moving(min_speed_mps=1.0))[name]) == (1, 1, 0)
-    assert counts(scores(truth, predictions, moving(min_speed_mps=0.2))[name]) == (1, 1, 1)
+    assert counts(scores(truth, predictions, moving_objects(min_speed_mps=1.0))[name]) == (1, 1, 0)
+    assert counts(scores(truth, predictions, moving_objects(min_speed_mps=0.2))[name]) == (1, 1, 1)
 
 
 def test_segments_and_frames_do_not_mix() -> None:
@@ -174,7 +182,7 @@ def test_segments_and_frames_do_not_mix() -> None:
 @pytest.mark.parametrize(("truths", "found"), [(0, 0), (0, 2), (2, 0)])
 def test_empty_sides(truths: int, found: int) -> None:
     boxes = [box(10), box(20)]
-    splits = OBJECT_TYPE, RANGE, SIZE, VELOCITY, ONE_SHARD, moving(min_speed_mps=1.0)
+    splits = OBJECT_TYPE, RANGE, SIZE, VELOCITY, ONE_SHARD, moving_objects(min_speed_mps=1.0)
     truth, predictions = labels(boxes[:truths]), guesses(boxes[:found])
     result = scores(truth, predictions, *splits)
     assert len(result) == 2 * (4 + 12 + 8 + 20 + 1 + 4)
@@ -186,9 +194,9 @@ def test_empty_sides(truths: int, found: int) -> None:
 
 
 def test_levels_of_the_tool() -> None:
-    levels = resolved_level(np.array([0, 0, 0, 1, 2, 0]), np.array([6, 5, 1, 2, 100, -1]))
+    levels = resolve_level(np.array([0, 0, 0, 1, 2, 0]), np.array([6, 5, 1, 2, 100, -1]))
     assert levels.tolist() == [1, 2, 2, 1, 2, 1]
-    assert resolved_level(np.array([], dtype=int), np.array([], dtype=int)).tolist() == []
+    assert resolve_level(np.array([], dtype=int), np.array([], dtype=int)).tolist() == []
 
 
 NAN_BOX = [math.nan, *box(0)[1:]]

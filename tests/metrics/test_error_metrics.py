@@ -8,9 +8,16 @@ import numpy as np
 import pytest
 
 from upvl_cli.errors import BadInput
-from upvl_cli.metrics.detection import match_boxes
-from upvl_cli.metrics.errors import Misses, Outcome, TopOutcomes, misses, outcomes, top_outcomes
-from upvl_cli.metrics.inputs import Predictions, Truth
+from upvl_cli.metrics.error_analysis import (
+    MissedLabels,
+    Outcome,
+    TopOutcomes,
+    classify_predictions,
+    count_missed_labels,
+    count_top_outcomes,
+)
+from upvl_cli.metrics.waymo.detection import match_boxes
+from upvl_cli.metrics.waymo.inputs import Predictions, Truth
 
 VEHICLE, PEDESTRIAN, UNKNOWN = 1, 2, 0
 
@@ -19,10 +26,10 @@ def truth(rows: list[tuple[int, float, int]]) -> Truth:
     """Labels of a metre's cube each: frame, x, type."""
     n = len(rows)
     frame, x, kind = np.array(rows, dtype=float).reshape(-1, 3).T
-    return Truth(
+    return Truth.from_rows(
+        np.column_stack([x, np.zeros((n, 2)), np.ones((n, 3)), np.zeros(n)]),
         sequence=["drive"] * n,
         frame=frame,
-        seven=np.column_stack([x, np.zeros((n, 2)), np.ones((n, 3)), np.zeros(n)]),
         type=kind,
         level=np.ones(n),
         velocity_mps=np.zeros((n, 2)),
@@ -36,10 +43,10 @@ def predictions(
     """Boxes of a metre's cube each: frame, x, type, score."""
     n = len(rows)
     frame, x, kind, score = np.array(rows, dtype=float).reshape(-1, 4).T
-    return Predictions(
+    return Predictions.from_rows(
+        np.column_stack([x, np.zeros((n, 2)), np.ones((n, 3)), np.zeros(n)]),
         sequence=["drive"] * n,
         frame=frame,
-        seven=np.column_stack([x, np.zeros((n, 2)), np.ones((n, 3)), np.zeros(n)]),
         type=kind,
         score=score,
         velocity_mps=np.zeros((n, 2)),
@@ -70,19 +77,23 @@ CASES = [
 @pytest.mark.parametrize(("row", "expected"), [c[1:] for c in CASES], ids=[c[0] for c in CASES])
 def test_one_prediction(row: tuple[int, float, int, float], expected: Outcome) -> None:
     boxes = predictions([row])
-    assert outcomes(LABELS, boxes, found_by(LABELS, boxes) >= 0, least_iou=0.1).tolist() == [expected]
+    assert classify_predictions(
+        LABELS, boxes, found_by(LABELS, boxes) >= 0, min_overlap_iou=0.1
+    ).tolist() == [expected]
 
 
 def test_a_second_box_for_a_label_is_a_localisation_error() -> None:
     boxes = predictions([(0, 0.2, VEHICLE, 1.0), (0, 0, VEHICLE, 0.5)])
-    result = outcomes(LABELS, boxes, found_by(LABELS, boxes) >= 0, least_iou=0.1)
+    result = classify_predictions(LABELS, boxes, found_by(LABELS, boxes) >= 0, min_overlap_iou=0.1)
     assert result.tolist() == [Outcome.LOCALISATION, Outcome.RIGHT]
 
 
 def test_the_own_type_comes_before_others() -> None:
     labels = truth([(0, 0, VEHICLE), (0, 0.8, PEDESTRIAN)])
     boxes = predictions([(0, 0.6, VEHICLE, 1.0)])
-    assert outcomes(labels, boxes, np.array([False]), least_iou=0.1).tolist() == [Outcome.LOCALISATION]
+    assert classify_predictions(labels, boxes, np.array([False]), min_overlap_iou=0.1).tolist() == [
+        Outcome.LOCALISATION
+    ]
 
 
 def test_only_the_best_half_is_looked_at() -> None:
@@ -94,17 +105,17 @@ def test_only_the_best_half_is_looked_at() -> None:
         (0, 10.6, VEHICLE, 0.7),
     ]
     boxes = predictions(rows)
-    outcome = outcomes(labels, boxes, found_by(labels, boxes) >= 0, least_iou=0.1)
-    assert top_outcomes(labels, boxes, outcome, top_share=0.5) == [
+    outcome = classify_predictions(labels, boxes, found_by(labels, boxes) >= 0, min_overlap_iou=0.1)
+    assert count_top_outcomes(labels, boxes, outcome, top_share=0.5) == [
         TopOutcomes(VEHICLE, 6, right=1, localisation=1, other_class=0, background=1),
         TopOutcomes(PEDESTRIAN, 1, right=0, localisation=0, other_class=0, background=0),
     ]
     boxes = predictions(rows, unlabelled=[True, True, True, False])
-    assert top_outcomes(labels, boxes, outcome, top_share=0.5)[0] == TopOutcomes(VEHICLE, 6, 2, 1, 0, 0)
+    assert count_top_outcomes(labels, boxes, outcome, top_share=0.5)[0] == TopOutcomes(VEHICLE, 6, 2, 1, 0, 0)
 
 
 def test_misses_by_hand() -> None:
-    assert misses(
+    assert count_missed_labels(
         np.array([True, False, False, True, False]),
         points=[0, 5, 20, 100, -1],
         range_m=[10, 30, 29.9, 70, 80],
@@ -112,27 +123,27 @@ def test_misses_by_hand() -> None:
         point_edges=[1, 20],
         range_edges_m=[30, 50],
     ) == [
-        Misses("points", "below 1 points", 1, 0),
-        Misses("points", "[1, 20) points", 1, 1),
-        Misses("points", "from 20 points", 2, 1),
-        Misses("points", "unknown", 1, 1),
-        Misses("range", "below 30 m", 2, 1),
-        Misses("range", "[30, 50) m", 1, 1),
-        Misses("range", "from 50 m", 2, 1),
-        Misses("view", "in view", 2, 1),
-        Misses("view", "out of view", 3, 2),
+        MissedLabels("points", "below 1 points", 1, 0),
+        MissedLabels("points", "[1, 20) points", 1, 1),
+        MissedLabels("points", "from 20 points", 2, 1),
+        MissedLabels("points", "unknown", 1, 1),
+        MissedLabels("range", "below 30 m", 2, 1),
+        MissedLabels("range", "[30, 50) m", 1, 1),
+        MissedLabels("range", "from 50 m", 2, 1),
+        MissedLabels("view", "in view", 2, 1),
+        MissedLabels("view", "out of view", 3, 2),
     ]
 
 
 def test_empty() -> None:
     none, no_boxes = truth([]), predictions([])
-    assert outcomes(none, no_boxes, np.zeros(0, dtype=bool), least_iou=0.1).tolist() == []
-    assert top_outcomes(none, no_boxes, np.zeros(0, dtype=np.int64), top_share=0.5) == []
+    assert classify_predictions(none, no_boxes, np.zeros(0, dtype=bool), min_overlap_iou=0.1).tolist() == []
+    assert count_top_outcomes(none, no_boxes, np.zeros(0, dtype=np.int64), top_share=0.5) == []
     some = predictions([(0, 0, VEHICLE, 1.0)])
-    outcome = outcomes(none, some, np.array([False]), least_iou=0.1)
+    outcome = classify_predictions(none, some, np.array([False]), min_overlap_iou=0.1)
     assert outcome.tolist() == [Outcome.BACKGROUND]
-    assert top_outcomes(none, some, outcome, top_share=0.5) == [TopOutcomes(VEHICLE, 0, 0, 0, 0, 0)]
-    rows = misses(
+    assert count_top_outcomes(none, some, outcome, top_share=0.5) == [TopOutcomes(VEHICLE, 0, 0, 0, 0, 0)]
+    rows = count_missed_labels(
         np.zeros(0, dtype=bool), points=[], range_m=[], in_view=[], point_edges=[1], range_edges_m=[30]
     )
     assert {(row.labels, row.missed) for row in rows} == {(0, 0)}
@@ -155,4 +166,4 @@ def test_bad_input_is_refused_in_one_line(change: dict[str, Any], message: str) 
         "range_edges_m": [30],
     }
     with pytest.raises(BadInput, match=message):
-        misses(np.array([True]), **fine | change)
+        count_missed_labels(np.array([True]), **fine | change)

@@ -7,12 +7,12 @@ import pytest
 from plain_scores import plain_detection, plain_tracking, scipy_hungarian, score_first, ties_as_official
 from streets import random_street
 
-from upvl_cli.metrics.breakdown import BREAKDOWNS, moving
-from upvl_cli.metrics.detection import detection
-from upvl_cli.metrics.official import Matcher
-from upvl_cli.metrics.pairing import paired
-from upvl_cli.metrics.speeds import with_speeds
-from upvl_cli.metrics.tracking import tracking
+from upvl_cli.metrics.waymo.breakdown import BREAKDOWNS, moving_objects
+from upvl_cli.metrics.waymo.detection import detection
+from upvl_cli.metrics.waymo.official import Matcher
+from upvl_cli.metrics.waymo.pairing import pair_frames
+from upvl_cli.metrics.waymo.speeds import estimate_speeds
+from upvl_cli.metrics.waymo.tracking import tracking
 
 CUTOFFS = np.array([0.0, 0.1, 0.25, 0.5, 0.51, 0.8, 1.0], dtype=np.float32)
 SPLITS = [BREAKDOWNS[name] for name in ("OBJECT_TYPE", "RANGE", "SIZE", "VELOCITY")]
@@ -32,7 +32,7 @@ def test_detection_equals_the_plain_rules(name: str, seed: int, threshold: float
     rule = {"iou_thresholds": [0.0, threshold, threshold, 0.3, threshold], "score_cutoffs": CUTOFFS}
     hungarian = ties_as_official if name == "on a grid" else scipy_hungarian
     solve = hungarian if matcher == "hungarian" else score_first
-    for split in [*SPLITS, moving(min_speed_mps=1.0)]:
+    for split in [*SPLITS, moving_objects(min_speed_mps=1.0)]:
         fast = detection(truth, predictions, **rule, breakdowns=[split], matcher=matcher)
         plain = plain_detection(truth, predictions, rule["iou_thresholds"], split, CUTOFFS, solve)
         for result, (shard, level) in zip(fast, np.ndindex(len(split.shards), 2), strict=True):
@@ -54,7 +54,7 @@ def test_tracking_equals_the_plain_rules(name: str, seed: int, threshold: float)
         score_cutoffs=CUTOFFS,
         matcher="hungarian",
     )
-    guessed = with_speeds(pairing := paired(truth, predictions))
+    guessed = estimate_speeds(pairing := pair_frames(truth, predictions))
     names = [(split, *at) for split in SPLITS for at in np.ndindex(len(split.shards), 2)]
     plain = {s.name: plain_tracking(pairing.truth, guessed, thresholds, s, CUTOFFS) for s in SPLITS}
     for result, (split, shard, level) in zip(fast, names, strict=True):

@@ -9,10 +9,10 @@ import pytest
 from streets import box, guesses, labels
 
 from upvl_cli.errors import BadInput
-from upvl_cli.metrics.breakdown import OBJECT_TYPE, RANGE, VELOCITY, Breakdown, moving
-from upvl_cli.metrics.inputs import Predictions, Truth
-from upvl_cli.metrics.official import SCORE_CUTOFFS
-from upvl_cli.metrics.tracking import TrackingResult, tracking
+from upvl_cli.metrics.waymo.breakdown import OBJECT_TYPE, RANGE, VELOCITY, Breakdown, moving_objects
+from upvl_cli.metrics.waymo.inputs import Predictions, Truth
+from upvl_cli.metrics.waymo.official import SCORE_CUTOFFS
+from upvl_cli.metrics.waymo.tracking import TrackingResult, tracking
 
 HALF = (0.0, 0.5, 0.5, 0.5, 0.5)
 Story = list[dict[str, float]]  # where each id stands in each frame
@@ -197,10 +197,18 @@ def test_speeds_are_guessed_by_segment_and_from_the_first_frame() -> None:
     assert scores(empty_first, guesses([box(10)], frame=[1]), VELOCITY)[FAST].counts.match[0] == 0
 
 
+def test_each_segment_decides_for_itself_whether_its_predictions_have_speeds() -> None:
+    """The first segment gives speeds (standing ones), the second none: only there the label's is taken."""
+    truth = labels([box(10), box(10)], sequence=["s", "t"], velocity_mps=[[12, 0], [12, 0]])
+    for order, matches in ((["s", "t"], 1), (["t", "s"], 1)):
+        predictions = guesses([box(10), box(10)], sequence=order, velocity_mps=[[0, 0], [np.nan, np.nan]])
+        assert scores(truth, predictions, VELOCITY)[FAST].counts.match[0] == matches
+
+
 def test_moving_only_asks_both_sides() -> None:
     truth = labels([box(10), box(20)], velocity_mps=[[12, 0], [0, 0]])
     predictions = guesses([box(10), box(20)])
-    c = scores(truth, predictions, moving(min_speed_mps=1.0))["MOVING_TYPE_VEHICLE_LEVEL_2"].counts
+    c = scores(truth, predictions, moving_objects(min_speed_mps=1.0))["MOVING_TYPE_VEHICLE_LEVEL_2"].counts
     assert (c.match[0], c.miss[0], c.false_positive[0]) == (1, 0, 0)
 
 

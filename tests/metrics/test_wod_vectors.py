@@ -96,7 +96,7 @@ def test_a_difference_is_told(tmp_path: Path, section: str, result: str, field: 
         (lambda v: v.pop("gt"), "the file has no gt"),
         (lambda v: v["pd"].pop("score"), "pd has no score"),
         (lambda v: v["pd"].update(score=[0.5, 0.6]), "arrays of different lengths"),
-        (lambda v: v["pd"].update(box=[[0] * 6]), "Predictions.seven has shape"),
+        (lambda v: v["pd"].update(box=[[0] * 6]), "boxes have shape"),
         (lambda v: v["gt"].update(type=["car"]), "invalid literal"),
         (lambda v: v["expected"].update(segmentation={}), "section segmentation is unknown"),
         (lambda v: v["expected"]["detection"]["a"].pop("matcher"), "detection.a has no matcher"),

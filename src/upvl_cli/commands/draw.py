@@ -1,10 +1,10 @@
-"""Gathers what a picture of one frame needs from the shards, and draws it."""
+"""Pictures of one labelled frame, drawn from the shards."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -23,16 +23,17 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 R = TypeVar("R", bound=Row)
+# A little behind the car, and ahead as far as boxes are dense on a 64-beam LiDAR.
 VIEW = View(x_min_m=-25.0, x_max_m=55.0, y_min_m=-30.0, y_max_m=30.0)
-TAIL_FRAMES = 20
+TAIL_FRAMES = 20  # 2 s of past path at 10 Hz
 
 
 def draw_frame(workspace: Workspace, segment: str, frame: int | None) -> Iterator[Path]:
-    """Draw one labelled frame from above and on each camera's picture; yields the files.
+    """Draw one labelled frame from above and on each camera's picture, and yield the paths.
 
     Args:
-        workspace: Where.
-        segment: Which drive.
+        workspace: The workspace of the labels.
+        segment: Name of the drive.
         frame: Index of the frame; None takes the middle one.
 
     Raises:
@@ -52,7 +53,12 @@ def draw_frame(workspace: Workspace, segment: str, frame: int | None) -> Iterato
 
 
 def chosen_frame(table: Table[R], segment: str, frame: int | None) -> int:
-    """The frame that was asked for, or the middle one.
+    """Return the frame, or the middle one where none is given.
+
+    Args:
+        table: Table with the frames of the drive.
+        segment: Name of the drive, for the message.
+        frame: Index of the frame; None takes the middle one.
 
     Raises:
         BadSetting: The drive has no such frame.
@@ -81,21 +87,21 @@ def _from_above(workspace: Workspace, segment: str, frame: int, labels: Table[Am
 
 
 def _tails(labels: Table[AmodalRow], poses: Table[OdometryRow], frame: int) -> dict[int, Array]:
-    """Where the tracks of a frame were in the frames before, in its ego axes."""
+    """Return for each track of a frame (m, 2) its past centres, in the ego axes of the frame."""
     past = [index for index in labels.frames if index <= frame][-TAIL_FRAMES:]
     ego_from_world = inverse(poses[frame].world_from_ego)
-    tails: dict[int, list[Any]] = {int(track_id): [] for track_id in labels[frame].track_id}
+    tails: dict[int, list[Array]] = {int(track_id): [] for track_id in labels[frame].track_id}
     for index in past:
         row = labels[index]
-        centres = apply(ego_from_world @ poses[index].world_from_ego, row.center_m)
-        for track_id, centre in zip(row.track_id, centres, strict=True):
+        centers_m = apply(ego_from_world @ poses[index].world_from_ego, row.center_m)
+        for track_id, center_m in zip(row.track_id, centers_m, strict=True):
             if int(track_id) in tails:
-                tails[int(track_id)].append(centre[:2])
+                tails[int(track_id)].append(center_m[:2])
     return {track_id: np.array(tail) for track_id, tail in tails.items()}
 
 
 def save(image: Image, path: Path) -> Path:
-    """Write a picture as PNG; returns its path."""
+    """Write a picture as PNG and return its path."""
     with atomic_file(path) as file:
         image.save(file, format="PNG")
     return path

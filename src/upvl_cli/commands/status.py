@@ -1,4 +1,4 @@
-"""Which shards are fresh, stale or missing, and what they hold."""
+"""Status of the shards: fresh, stale or missing, and their size."""
 
 from __future__ import annotations
 
@@ -16,7 +16,18 @@ from upvl_cli.pipeline.workspace import Workspace
 
 @dataclass(frozen=True)
 class StageStatus:
-    """The shards of one stage over all segments."""
+    """Number and size of the shards of one stage over all segments.
+
+    Attributes:
+        stage: Name of the stage.
+        fresh: Number of shards made with the present settings and inputs.
+        stale: Number of shards made with other ones.
+        missing: Number of shards that have not been made.
+        rows: Number of rows of the shards that exist.
+        size_bytes: Size of their files.
+        seconds: Time that making them took when they were last made.
+        reason: Why the first stale shard is stale; empty where none is.
+    """
 
     stage: str
     fresh: int
@@ -29,24 +40,29 @@ class StageStatus:
 
 
 def status(workspace: Workspace) -> list[StageStatus]:
-    """One line for each stage, in order; a shard below one that is not fresh is not fresh either."""
+    """Return the status of each stage, in order; a shard made from one that is not fresh is stale.
+
+    Args:
+        workspace: The workspace of the shards.
+    """
     states = {segment: dict(_states(workspace, segment)) for segment in workspace.segments}
     seconds = _seconds(workspace)
-    return [_of_stage(workspace, stage, states, seconds) for stage in workspace.pipeline.stages]
+    return [_stage_status(workspace, stage, states, seconds) for stage in workspace.pipeline.stages]
 
 
 def _states(workspace: Workspace, segment: str) -> Iterator[tuple[str, tuple[str, str]]]:
-    seen: dict[str, str] = {}
+    """Yield the name, the condition and the reason of each stage of one drive."""
+    conditions: dict[str, str] = {}
     for stage in workspace.pipeline.stages:
         condition, reason = state(workspace, stage, WHOLE_DATASET if stage.is_of_dataset else segment)
-        above = [name for name in stage.reads if seen.get(name, "fresh") != "fresh"]
-        if condition == "fresh" and above:
-            condition, reason = "stale", f"{above[0]} is {seen[above[0]]}"
-        seen[stage.name] = condition
+        not_fresh = [name for name in stage.reads if conditions.get(name, "fresh") != "fresh"]
+        if condition == "fresh" and not_fresh:
+            condition, reason = "stale", f"{not_fresh[0]} is {conditions[not_fresh[0]]}"
+        conditions[stage.name] = condition
         yield stage.name, (condition, reason)
 
 
-def _of_stage(
+def _stage_status(
     workspace: Workspace,
     stage: AnyStage,
     states: dict[str, dict[str, tuple[str, str]]],
@@ -71,7 +87,7 @@ def _of_stage(
 
 
 def _seconds(workspace: Workspace) -> dict[tuple[str, str], float]:
-    """How long each shard took when it was last made; lines that a kill cut short are passed over."""
+    """Return by stage and segment the seconds of the last run; lines that a kill cut short are skipped."""
     try:
         lines = (workspace.out / "runs.jsonl").read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:

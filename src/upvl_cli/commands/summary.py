@@ -1,4 +1,4 @@
-"""What the auto labels hold, and what was dropped on the way, by reason."""
+"""Summary of the auto labels, and of the items that each stage counted, by reason."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from upvl_cli.stages.rows import AmodalRow
 
 
 def lines(workspace: Workspace, segments: Collection[str] = ()) -> Iterator[str]:
-    """One line a segment, then one a stage with what it kept and dropped over all of them.
+    """Yield one line a segment, then one a stage with its counts over all of them, by reason.
 
     Args:
-        workspace: Where.
-        segments: Which drives; empty takes all that have labels, and tells of the others.
+        workspace: The workspace of the labels.
+        segments: Names of the drives; empty takes all that have labels, and lists the others.
 
     Raises:
         NotMade: None of them has been labelled, or one of those that are named has not.

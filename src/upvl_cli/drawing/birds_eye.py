@@ -1,4 +1,4 @@
-"""The street from above: points by state, boxes with id, heading and speed, and where tracks came from."""
+"""The scene from above: points by state, boxes with id, heading and speed, and the past path of each track."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class View:
         return round(width), round((self.x_max_m - self.x_min_m) * PIXELS_PER_METRE)
 
     def pixels(self, xy_ego_m: Array) -> Array:
-        """(n, 2) pixels of (n, 2) places: forward is up, left is left."""
+        """Return (n, 2) pixels, column and row, of (n, 2) places in ego axes: x points up, y to the left."""
         columns = (self.y_max_m - xy_ego_m[:, 1]) * PIXELS_PER_METRE
         rows = (self.x_max_m - xy_ego_m[:, 0]) * PIXELS_PER_METRE
         return np.stack([columns, rows], axis=1)
@@ -41,13 +41,13 @@ class View:
 def birds_eye(
     view: View, xyz_ego_m: Array, state: Ints, boxes: TrackedBoxes, tails: Mapping[int, Array], title: str
 ) -> Image.Image:
-    """Draw one frame.
+    """Draw one frame from above.
 
     Args:
-        view: The part to show.
-        xyz_ego_m: (n, 3) points.
-        state: (n,) 0 ground, 1 background or not moving, 2 what may be an object.
-        boxes: The labels.
+        view: The part of the ground to show.
+        xyz_ego_m: (n, 3) points of the sweep.
+        state: (n,) 0 ground, 1 background or too slow for a label, 2 candidate for an object.
+        boxes: The boxes of the frame, in its ego axes.
         tails: For each track (m, 2) earlier centres in the ego axes of this frame.
         title: Text of the upper left corner.
     """
@@ -58,7 +58,7 @@ def birds_eye(
     image = Image.fromarray(canvas)
     draw = ImageDraw.Draw(image)
     for track_id, tail in tails.items():
-        _line(draw, view.pixels(tail), colours.of_track(track_id), width=2)
+        _line(draw, view.pixels(tail), colours.track_colour(track_id), width=2)
     for box in range(len(boxes)):
         _box(draw, view, boxes[box : box + 1])
     _ego(draw, view)
@@ -87,13 +87,12 @@ def _line(draw: ImageDraw.ImageDraw, pixels: Array, colour: colours.Colour, widt
 
 
 def _box(draw: ImageDraw.ImageDraw, view: View, box: TrackedBoxes) -> None:
-    colour = colours.of_track(int(box.track_id[0]))
-    outline = view.pixels(corners_bev(box.seven)[0])
+    colour = colours.track_colour(int(box.track_id[0]))
+    outline = view.pixels(corners_bev(box)[0])
     _line(draw, np.concatenate([outline, outline[:1]]), colour, width=2)
-    heading = box.seven[0, 6]
-    centre = box.seven[0, :2]
-    nose = centre + box.seven[0, 3] / 2 * np.array([np.cos(heading), np.sin(heading)])
-    _line(draw, view.pixels(np.stack([centre, nose])), colour, width=2)
+    center_m, heading_rad = box.center_m[0, :2], box.heading_rad[0]
+    front_m = center_m + box.size_lwh_m[0, 0] / 2 * np.array([np.cos(heading_rad), np.sin(heading_rad)])
+    _line(draw, view.pixels(np.stack([center_m, front_m])), colour, width=2)
     speed_mps = float(np.linalg.norm(box.velocity_mps[0, :2]))
     corner = outline.max(axis=0)
     text = f"{box.track_id[0]}  {speed_mps:.1f} m/s"

@@ -1,4 +1,4 @@
-"""TrackedBoxes on a camera's picture."""
+"""Boxes drawn on a camera's picture."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4),
 FRONT = (0, 3, 7, 4)
 MIN_DEPTH_M = 0.5  # an edge that comes closer to the lens would cross the whole picture
 PIECES = 8  # a lens bends an edge: it is drawn in pieces
-FAR_PX = 10_000  # what appears so far aside is left out: lines are drawn pixel by pixel, seen or not
+FAR_PX = 10_000  # a point this far outside is left out, for Pillow draws lines pixel by pixel, visible or not
 MIN_WIDTH_PX = 1200  # smaller pictures are enlarged, so that lines and ids can be read
 
 
 def camera_view(rgb: Array, camera: Camera, boxes: TrackedBoxes) -> Image.Image:
-    """Draw the boxes of one frame.
+    """Draw the boxes of one frame on a picture.
 
     Args:
         rgb: (height, width, 3) uint8 picture.
-        camera: Its calibration.
-        boxes: The labels, in the ego axes of the frame.
+        camera: The camera of the picture.
+        boxes: The boxes, in the ego axes of the frame.
     """
     image = Image.fromarray(rgb)
     scale = max(1, -(-MIN_WIDTH_PX // image.width))
     image = image.resize((image.width * scale, image.height * scale), Image.Resampling.BICUBIC)
     draw = ImageDraw.Draw(image)
-    far_first = np.argsort(-np.linalg.norm(boxes.seven[:, :2], axis=1))
-    for track_id, points in zip(boxes.track_id[far_first], corners(boxes.seven[far_first]), strict=True):
-        _box(draw, camera, points, scale, colours.of_track(int(track_id)), str(track_id))
+    far_first = np.argsort(-np.linalg.norm(boxes.center_m[:, :2], axis=1))
+    for track_id, points in zip(boxes.track_id[far_first], corners(boxes[far_first]), strict=True):
+        _box(draw, camera, points, scale, colours.track_colour(int(track_id)), str(track_id))
     return image
 
 

@@ -13,10 +13,10 @@ GROUND: Colour = (62, 68, 78)
 STATIC: Colour = (150, 158, 170)
 MOVING: Colour = (255, 138, 48)
 
-GOLDEN_ANGLE = 0.61803398875  # successive ids get hues that lie far apart
+_HUE_STEP = 0.61803398875  # golden ratio: the hues of successive ids lie far apart
 
 
-def of_track(track_id: int) -> Colour:
-    """A bright colour that a track keeps in every picture."""
-    red, green, blue = colorsys.hsv_to_rgb((track_id * GOLDEN_ANGLE) % 1.0, 0.62, 1.0)
+def track_colour(track_id: int) -> Colour:
+    """Return the bright colour that a track has in every picture."""
+    red, green, blue = colorsys.hsv_to_rgb((track_id * _HUE_STEP) % 1.0, 0.62, 1.0)
     return round(red * 255), round(green * 255), round(blue * 255)

@@ -1,4 +1,4 @@
-"""A made-up frame at a glance: its pictures, what each pixel is, and the sweep from above."""
+"""The contact sheet of a synthetic frame: its pictures, the object of each pixel, and the sweep from above."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def contact_sheet(
         names: All names.
         title: Text above.
     """
-    palette = np.array([*(colours.of_track(number) for number in range(len(names))), SKY], dtype=np.uint8)
+    palette = np.array([*(colours.track_colour(number) for number in range(len(names))), SKY], dtype=np.uint8)
     strips = [_strip([shot.rgb for shot in shots]), _strip([palette[shot.name] for shot in shots])]
     above = _above(xyz_ego_m, palette[name])
     top = LINE_PX + 8
@@ -57,7 +57,7 @@ def contact_sheet(
 
 
 def _strip(pictures: Sequence[Array]) -> Image.Image:
-    """Pictures side by side."""
+    """Return pictures side by side, as wide as the sheet."""
     row = Image.fromarray(np.concatenate(pictures, axis=1))
     return row.resize((STRIP_PX, round(row.height * STRIP_PX / row.width)), Image.Resampling.LANCZOS)
 
@@ -83,7 +83,7 @@ def _legend(
     points: Ints,
     bottom: int,
 ) -> None:
-    """The names that are there, with how many pixels and points each has."""
+    """Write the names of the frame with the number of pixels and points of each."""
     left, top = corner
     font = ImageFont.load_default(13)
     x, y = left, top

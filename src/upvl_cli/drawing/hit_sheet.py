@@ -1,4 +1,4 @@
-"""Found objects at a glance: each from above, and as a camera sees it."""
+"""The contact sheet of a query: each object from above and in a camera's picture."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from upvl_cli.types import Array, Camera, TrackedBoxes
 
 REACH_M = 11.0  # of the view from above, to each side of the box
 PICTURE_PX = 420  # width of the crop of the camera
-MARGIN = 0.6  # of the box's size, on each side of it
-LEAST_PX = 60  # of the crop, in pixels of the picture: smaller ones show nothing of the surroundings
+MARGIN = 0.6  # of the box's size in the picture, on each side of it
+MIN_CROP_PX = 60  # of the crop, in pixels of the picture: smaller ones show nothing of the surroundings
 TITLE_PX = 20
-ACROSS = 2
+COLUMNS = 2
 
 
 @dataclass(frozen=True)
 class Shot:
-    """What a camera sees of a box: the picture, the camera, and the part to show (left, top, right, bottom)."""
+    """Picture that shows a box, its camera, and the part of it to show (left, top, right, bottom)."""
 
     rgb: Array
     camera: Camera
@@ -33,13 +33,13 @@ class Shot:
 
 
 def part_with_box(camera: Camera, box: TrackedBoxes) -> tuple[float, float, float, float] | None:
-    """The part of a camera's picture that shows a box with some surroundings; None where it does not see it whole.
+    """Return the part of a picture that shows a box with some surroundings; None where it is not wholly in front.
 
     Args:
-        camera: Where it is and how it sees.
+        camera: The camera of the picture.
         box: One box, in ego axes.
     """
-    uv_px, depth_m, _ = project(camera, corners(box.seven)[0])
+    uv_px, depth_m, _ = project(camera, corners(box)[0])
     if not (depth_m > MIN_DEPTH_M).all() or not np.isfinite(uv_px).all():
         return None
     size_px = np.array([camera.width_px, camera.height_px])
@@ -47,25 +47,25 @@ def part_with_box(camera: Camera, box: TrackedBoxes) -> tuple[float, float, floa
     if not ((middle > 0) & (middle < size_px)).all():
         return None
     low, high = uv_px.min(axis=0), uv_px.max(axis=0)
-    grown = np.maximum((high - low) * MARGIN, (LEAST_PX - (high - low)) / 2)
+    grown = np.maximum((high - low) * MARGIN, (MIN_CROP_PX - (high - low)) / 2)
     left, top = np.maximum(low - grown, 0)
     right, bottom = np.minimum(high + grown, size_px)
     return float(left), float(top), float(right), float(bottom)
 
 
 def tile(xyz_ego_m: Array, box: TrackedBoxes, shot: Shot | None, title: str) -> Image.Image:
-    """Draw one hit.
+    """Draw one object: from above, and beside it the crop of the picture.
 
     Args:
         xyz_ego_m: (n, 3) points of the sweep.
         box: The box, in the same axes.
-        shot: What a camera sees of it; None where none does.
+        shot: The picture that shows it; None where no camera does.
         title: Text above.
     """
-    x_m, y_m = box.seven[0, :2]
+    x_m, y_m = box.center_m[0, :2]
     view = View(x_m - REACH_M, x_m + REACH_M, y_m - REACH_M, y_m + REACH_M)
     state = np.ones(len(xyz_ego_m), dtype=np.int64)
-    state[pairs_inside(xyz_ego_m, box.seven, margin_m=0.0)[1]] = 2
+    state[pairs_inside(xyz_ego_m, box, margin_m=0.0)[1]] = 2
     above = birds_eye(view, xyz_ego_m, state, box, {}, "")
     image = Image.new("RGB", (above.width + PICTURE_PX, above.height + TITLE_PX), colours.BACKGROUND)
     image.paste(above, (0, TITLE_PX))
@@ -86,10 +86,10 @@ def _crop(shot: Shot, box: TrackedBoxes, height_px: int) -> Image.Image:
 
 
 def sheet(tiles: Sequence[Image.Image]) -> Image.Image:
-    """Draw equally large tiles side by side and below each other; at least one."""
+    """Draw equally large tiles, at least one, in rows of two."""
     width, height = tiles[0].size
-    rows = -(-len(tiles) // ACROSS)
-    image = Image.new("RGB", (width * min(len(tiles), ACROSS), height * rows), colours.BACKGROUND)
+    rows = -(-len(tiles) // COLUMNS)
+    image = Image.new("RGB", (width * min(len(tiles), COLUMNS), height * rows), colours.BACKGROUND)
     for place, one in enumerate(tiles):
-        image.paste(one, (place % ACROSS * width, place // ACROSS * height))
+        image.paste(one, (place % COLUMNS * width, place // COLUMNS * height))
     return image

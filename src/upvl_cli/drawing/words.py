@@ -1,4 +1,4 @@
-"""Points coloured by the word that each is nearest to, from above and on a camera's picture."""
+"""Points coloured by their nearest word, from above and on a camera's picture."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ DOT_PX = 2
 
 
 def words_above(view: View, xyz_ego_m: Array, word: Ints, words: Sequence[str]) -> Image.Image:
-    """Draw a sweep from above.
+    """Draw a sweep from above, each point in the colour of its word.
 
     Args:
         view: The part of the ground to show.
@@ -31,7 +31,7 @@ def words_above(view: View, xyz_ego_m: Array, word: Ints, words: Sequence[str]) 
 
 
 def words_in_view(rgb: Array, uv_px: Floats, word: Ints, words: Sequence[str]) -> Image.Image:
-    """Draw points on a picture.
+    """Draw points on a picture, each in the colour of its word.
 
     Args:
         rgb: (height, width, 3) uint8 picture.
@@ -46,7 +46,7 @@ def words_in_view(rgb: Array, uv_px: Floats, word: Ints, words: Sequence[str]) -
 
 def _colour(word: Ints) -> Array:
     table = np.array(
-        [*(colours.of_track(place) for place in range(int(word.max(initial=0)) + 1)), colours.GROUND]
+        [*(colours.track_colour(place) for place in range(int(word.max(initial=0)) + 1)), colours.GROUND]
     )
     return table[word].astype(np.uint8)  # the last entry is that of NO_WORD = -1
 
@@ -64,6 +64,6 @@ def _with_legend(image: Image.Image, words: Sequence[str]) -> Image.Image:
     font = ImageFont.load_default(14)
     for place, word in enumerate(words):
         top = 6 + 18 * place
-        draw.rectangle((6, top, 18, top + 12), fill=colours.of_track(place))
+        draw.rectangle((6, top, 18, top + 12), fill=colours.track_colour(place))
         draw.text((24, top - 2), word, fill=colours.TEXT, font=font)
     return image

@@ -1,1 +1,1 @@
-"""Scores of auto labels, tracks and flow against labels: the only place that opens labels."""
+"""Evaluation of auto labels, detections, tracks and flow against human labels: the only room that opens those."""

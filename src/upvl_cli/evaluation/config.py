@@ -1,4 +1,4 @@
-"""What is chosen in an evaluation; what Waymo's definitions fix stands in `metrics`."""
+"""Settings of an evaluation; the constants of the official definitions stand in `metrics`."""
 
 from __future__ import annotations
 
@@ -13,19 +13,35 @@ class EvalConfig(Config):
     """Settings of `eval`."""
 
     iou: tuple[float, ...] = setting(
-        "a box is right from this 3D IoU with a label on; one score each", ge=0.001, le=1
+        "3D IoU with a label from which a box is right; each value has a score of its own", ge=0.001, le=1
     )
-    moving_mps: float = setting("an object moves from this speed on", "m/s", ge=0.001, le=200)
-    right_iou: float = setting("to tell why boxes are wrong: right from this 3D IoU on", ge=0.001, le=1)
-    overlap_iou: float = setting("and misplaced above this one, background below", ge=0, le=1)
+    moving_mps: float = setting(
+        "speed from which an object moves, where only moving objects are scored", "m/s", ge=0.001, le=200
+    )
+    right_iou: float = setting(
+        "3D IoU with a label from which a box is right, in the analysis of errors", ge=0.001, le=1
+    )
+    overlap_iou: float = setting(
+        "3D IoU above which a wrong box is misplaced, else it is on the background, in the analysis of errors",
+        ge=0,
+        le=1,
+    )
     top_share: float = setting(
-        "look at that many of the best boxes, as a share of the labels", ge=0.001, le=1
+        "number of the best-scored boxes that the analysis of errors looks at, as a share of the number of labels",
+        ge=0.001,
+        le=1,
     )
-    range_edges_m: tuple[float, ...] = setting("labels are split by range at these", "m", ge=0.1, le=10_000)
-    speed_edges_mps: tuple[float, ...] = setting("and by speed at these", "m/s", ge=0.001, le=200)
-    point_edges: tuple[int, ...] = setting("and by number of LiDAR points at these", ge=1, le=10**6)
+    range_edges_m: tuple[float, ...] = setting(
+        "distances from the car that split labels and boxes into groups", "m", ge=0.1, le=10_000
+    )
+    speed_edges_mps: tuple[float, ...] = setting(
+        "speeds that split labels into groups", "m/s", ge=0.001, le=200
+    )
+    point_edges: tuple[int, ...] = setting(
+        "numbers of LiDAR points that split labels into groups", ge=1, le=10**6
+    )
     flow_reach_m: float = setting(
-        "flow is scored in a square around the car, with this half side", "m", ge=0.1, le=10_000
+        "half side of the square around the car in which flow is scored", "m", ge=0.1, le=10_000
     )
 
     def __post_init__(self) -> None:

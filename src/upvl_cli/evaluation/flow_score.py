@@ -1,4 +1,4 @@
-"""Scores the motion of points where a dataset knows the true one."""
+"""Scores of scene flow, where a dataset knows the true motion of points."""
 
 from __future__ import annotations
 
@@ -11,14 +11,12 @@ import numpy as np
 from upvl_cli.datasets.flow_truth import FLOW_CLASSES
 from upvl_cli.datasets.label_registry import FlowSource, flow_source
 from upvl_cli.evaluation.config import EvalConfig
-from upvl_cli.evaluation.gather import checked_table
+from upvl_cli.evaluation.gather import fresh_table
 from upvl_cli.geometry.se3 import apply, inverse
-from upvl_cli.metrics.flow import FlowErrors, bucket_score, flow_buckets, flow_errors
+from upvl_cli.metrics.flow import DYNAMIC_M, FlowErrors, bucket_score, flow_buckets, flow_errors
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.stages.rows import FlowRow, OdometryRow
-from upvl_cli.types import Array, ParallelArrays, array
-
-_DYNAMIC_M = 0.05  # an interval: where Argoverse 2 calls a point dynamic
+from upvl_cli.types import Array, ParallelArrays, array, concat, empty
 
 
 @dataclass(frozen=True)
@@ -28,7 +26,7 @@ class ClassFlow:
     Attributes:
         name: The class.
         static_epe_m: Mean error of points slower than 0.4 m/s.
-        dynamic_error: Share of the motion that is not described; 1 for a prediction of no motion.
+        dynamic_error: End-point error as a share of the true displacement; 1 for a prediction of no motion.
     """
 
     name: str
@@ -41,9 +39,9 @@ class FlowScore:
     """Errors over the points of all sweeps that have a next one.
 
     Attributes:
-        errors: As Argoverse 2 defines them; every point weighs the same.
-        classes: Speed-normalised, by class.
-        mean_dynamic_error: Mean over classes: what methods are ranked by.
+        errors: Three-way errors as Argoverse 2 defines them; every point weighs the same.
+        classes: Speed-normalised errors by class.
+        mean_dynamic_error: Mean of the dynamic errors over classes; the challenge ranks methods by it.
     """
 
     errors: FlowErrors
@@ -64,12 +62,12 @@ class _Flow(ParallelArrays):
 def flow_score(
     workspace: Workspace, settings: EvalConfig, segments: Collection[str] = ()
 ) -> FlowScore | None:
-    """Errors of the flow of all drives; None for a dataset that does not know the truth.
+    """Return the errors of the flow of all drives; None for a dataset that does not know the true flow.
 
     Args:
-        workspace: Where.
-        settings: Which points count.
-        segments: Which drives; empty takes all.
+        workspace: The workspace whose flow is scored.
+        settings: Half side of the square whose points count.
+        segments: Names of the drives; empty takes all.
 
     Raises:
         NotMade: A drive has no flow, or it was made with other settings.
@@ -80,21 +78,15 @@ def flow_score(
     pairs = [
         pair for name in segments or workspace.segments for pair in _pairs(workspace, source, name, settings)
     ]
-    flows = [flow for flow, _ in pairs]
-    predicted_m, true_m, total_m = (
-        np.concatenate([np.zeros((0, 3)), *(getattr(flow, name) for flow in flows)])
-        for name in ("predicted_m", "true_m", "true_total_m")
-    )
-    flow_class = np.concatenate([np.zeros(0, np.int64), *(flow.flow_class for flow in flows)])
+    points = concat([flow for flow, _ in pairs], _Flow)
     errors = flow_errors(
-        predicted_m,
-        true_m,
-        true_total_m=total_m,
-        foreground=flow_class > 0,
-        dynamic=np.linalg.norm(true_m, axis=1) >= _DYNAMIC_M,
-        evaluated=flow_class >= 0,
+        points.predicted_m,
+        points.true_m,
+        true_total_m=points.true_total_m,
+        foreground=points.flow_class > 0,
+        dynamic=np.linalg.norm(points.true_m, axis=1) >= DYNAMIC_M,
+        evaluated=points.flow_class >= 0,
     )
-    nothing = _Flow(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
     buckets = [
         flow_buckets(
             flow.predicted_m,
@@ -103,7 +95,7 @@ def flow_score(
             groups=len(FLOW_CLASSES),
             interval_s=interval_s,
         )
-        for flow, interval_s in [(nothing, 1.0), *pairs]
+        for flow, interval_s in [(empty(_Flow), 1.0), *pairs]
     ]
     score = bucket_score(sum(buckets[1:], buckets[0]))
     by_class = zip(FLOW_CLASSES, score.static_epe_m.tolist(), score.dynamic_error.tolist(), strict=True)
@@ -113,9 +105,9 @@ def flow_score(
 def _pairs(
     workspace: Workspace, source: FlowSource, segment: str, settings: EvalConfig
 ) -> Iterator[tuple[_Flow, float]]:
-    """The points that count of each sweep with a next one, and the seconds until that."""
-    table = checked_table(workspace, "flow", FlowRow, segment)
-    poses = list(checked_table(workspace, "odometry", OdometryRow, segment))
+    """Yield the points that count of each sweep with a next one, and the seconds until that one."""
+    table = fresh_table(workspace, "flow", FlowRow, segment)
+    poses = list(fresh_table(workspace, "odometry", OdometryRow, segment))
     drive = workspace.drive(segment)
     for pose, following in zip(poses, poses[1:], strict=False):
         interval_s = (following.time_ns - pose.time_ns) / 1e9
@@ -129,5 +121,5 @@ def _pairs(
             true_total_m=apply(next_from_ego, xyz_ego_m + true_m) - xyz_ego_m,
             flow_class=truth.flow_class,
         )
-        near = (np.abs(xyz_ego_m[:, :2]) < settings.flow_reach_m).all(axis=1)
-        yield flow[near & (truth.flow_class >= 0)], interval_s
+        in_square = (np.abs(xyz_ego_m[:, :2]) < settings.flow_reach_m).all(axis=1)
+        yield flow[in_square & (truth.flow_class >= 0)], interval_s

@@ -1,4 +1,4 @@
-"""The tables of the UP-VL paper, as published, and how each row is made here.
+"""The tables of the UP-VL paper as published, and the preset that makes each row here.
 
 Source: Najibi et al., Unsupervised 3D Perception with 2D Vision-Language Distillation for Autonomous Driving,
 ICCV 2023; its MI-UP rows are of Najibi et al., Motion Inspired Unsupervised Perception and Prediction in
@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-NOT_TOLD = float("nan")  # the paper gives no such figure
+NOT_PUBLISHED = float("nan")
 VISION = ("extract-vl",)
 DETECTOR = ("extract-vl", "train", "detect")
 
@@ -22,11 +22,11 @@ class PaperRow:
     """One row of a table.
 
     Attributes:
-        name: What the paper calls it, or what it is.
+        name: Name of the method in the paper, or a description.
         preset: Folder of `stages/presets`; empty for the values that ship.
-        published: One figure a column, in percent.
+        published: Figure of each column, in percent.
         what: "labels" or "detections".
-        needs: Stages that must exist to make it.
+        needs: Stages that make it, beside those of all rows.
     """
 
     name: str
@@ -41,10 +41,10 @@ class PaperTable:
     """One table.
 
     Attributes:
-        title: What it compares.
-        score: How a row is scored; it decides the columns.
-        moving_only: Whether only labels that move are asked for.
-        rows: Its rows.
+        title: Title, with the number of the table in the paper.
+        score: Kind of score, which decides the columns.
+        moving_only: Whether only moving labels count.
+        rows: The methods that are compared.
     """
 
     title: str
@@ -88,7 +88,9 @@ TABLES = (
         "named",
         False,
         (
-            PaperRow("clustering, whatever the class", "clustering", (NOT_TOLD, NOT_TOLD, 11.6), needs=()),
+            PaperRow(
+                "clustering, whatever the class", "clustering", (NOT_PUBLISHED, NOT_PUBLISHED, 11.6), needs=()
+            ),
             PaperRow("clustering + VL", "clustering-vl", (15.8, 9.9, 12.9)),
             PaperRow("clustering + VL + flow", "clustering-vl-flow", (16.1, 10.0, 13.1)),
             PaperRow("UP-VL labels", "", (30.2, 14.7, 22.4)),
@@ -103,19 +105,19 @@ TABLES = (
         "tracking",
         True,
         (
-            # Not told whether of labels or of a detector trained on them.
+            # The paper does not say whether these are of labels or of a detector trained on them.
             PaperRow("MI-UP (here: its labels)", "moving-only", (12.8, 45.5), needs=()),
             PaperRow("MI-UP-C + VL (here: its labels)", "moving-vl", (22.8, 43.4)),
             PaperRow("UP-VL detector", "moving-vl", (41.3, 37.4), "detections", DETECTOR),
         ),
     ),
     PaperTable(
-        "Ablation: background from this likeness on (eps_bg)",
+        "Ablation: cosine from which a point is background (eps_bg)",
         "named",
         False,
         tuple(
-            # The values of the sweep stand on another scale here: that of `mini`.
-            PaperRow(f"eps_bg = {value} (here {ours})", preset, (NOT_TOLD, NOT_TOLD, published))
+            # Ours are on the cosine scale of `mini`, another one than that of the paper's model.
+            PaperRow(f"eps_bg = {value} (here {ours})", preset, (NOT_PUBLISHED, NOT_PUBLISHED, published))
             for value, ours, preset, published in (
                 ("0.10", "0.4", "eps-bg-10", 20.5),
                 ("0.05", "0.2", "eps-bg-05", 21.9),
@@ -125,11 +127,11 @@ TABLES = (
         ),
     ),
     PaperTable(
-        "Ablation: dropped above this share of background (r_bg)",
+        "Ablation: share of background points above which a box is dropped (r_bg)",
         "named",
         False,
         tuple(
-            PaperRow(f"r_bg = {value} %", preset, (NOT_TOLD, NOT_TOLD, published))
+            PaperRow(f"r_bg = {value} %", preset, (NOT_PUBLISHED, NOT_PUBLISHED, published))
             for value, preset, published in (
                 (50, "r-bg-50", 14.1),
                 (90, "r-bg-90", 19.2),

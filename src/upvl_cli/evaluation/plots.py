@@ -1,4 +1,4 @@
-"""Pictures of a report: precision over recall, and scores by range, speed and kind of error."""
+"""Plots of a report: precision over recall, and scores by range, speed and kind of error."""
 
 from __future__ import annotations
 
@@ -10,20 +10,16 @@ from matplotlib.figure import Figure
 
 from upvl_cli.evaluation.report import Report
 from upvl_cli.evaluation.score import DetectionScore, Diagnosis
-from upvl_cli.metrics.errors import Misses
+from upvl_cli.metrics.error_analysis import MissedLabels
 
-# Told apart by the colour-blind: Okabe and Ito, Color Universal Design, 2008.
+# Colours that the colour-blind can tell apart: Okabe and Ito, Color Universal Design, 2008.
 SERIES = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9")
 RIGHT, MISPLACED, BACKGROUND = "#009E73", "#E69F00", "#8A8F98"
 SIZE_IN, DPI = (6.4, 4.2), 120
 
 
 def plots(report: Report) -> Iterator[tuple[str, Figure]]:
-    """Name and figure of each picture of a report; a report of tracks has none.
-
-    Args:
-        report: The report.
-    """
+    """Yield the name and the figure of each plot of a report; a report of tracks has none."""
     area = report.scope.region
     region = f", {area.length_m:g} x {area.width_m:g} m" if area else ""
     title = f"{report.scope.what}, {report.scope.mode}, class-agnostic{region}"
@@ -37,8 +33,8 @@ def plots(report: Report) -> Iterator[tuple[str, Figure]]:
 
 def _precision_recall(scores: Sequence[DetectionScore], title: str) -> Figure:
     figure, axes = _figure(title)
-    whole = [score for score in scores if score.objects == "all"]
-    for score, colour in zip(whole, _colours(len(whole)), strict=True):
+    overall = [score for score in scores if score.objects == "all"]
+    for score, colour in zip(overall, _colours(len(overall)), strict=True):
         recall, precision = np.array(score.curve_recall), np.array(score.curve_precision)
         found = recall > 0
         name = f"IoU {score.iou:g}: AP {score.ap[1]:.3f}"
@@ -82,7 +78,7 @@ def _errors(diagnosis: Diagnosis, title: str) -> Figure:
     figure = Figure(SIZE_IN, dpi=DPI, layout="constrained")
     above, below = figure.subplots(2, 1, height_ratios=(1, 2.6))
     figure.suptitle(title, fontsize=10)
-    _best(above, diagnosis)
+    _best_boxes(above, diagnosis)
     groups = [group for split in ("points", "range", "speed", "view") for group in _groups(diagnosis, split)]
     names = [f"{group.group} ({group.labels})" for group in groups]
     bars = below.barh(names, [group.missed / group.labels for group in groups], color=SERIES[0])
@@ -94,8 +90,8 @@ def _errors(diagnosis: Diagnosis, title: str) -> Figure:
     return figure
 
 
-def _best(axes: Axes, diagnosis: Diagnosis) -> None:
-    """One bar that tells what the best-scored boxes are."""
+def _best_boxes(axes: Axes, diagnosis: Diagnosis) -> None:
+    """Draw one bar with the kinds of the best-scored boxes."""
     best = diagnosis.best
     counts = (best.right, best.localisation, best.background) if best else (0, 0, 0)
     left = 0
@@ -108,8 +104,8 @@ def _best(axes: Axes, diagnosis: Diagnosis) -> None:
     _plain(axes)
 
 
-def _groups(diagnosis: Diagnosis, split: str) -> list[Misses]:
-    """The groups of labels of one split that have any."""
+def _groups(diagnosis: Diagnosis, split: str) -> list[MissedLabels]:
+    """Return the groups of one split that hold labels."""
     return [group for group in diagnosis.misses if group.split == split and group.labels]
 
 
@@ -128,7 +124,7 @@ def _plain(axes: Axes) -> None:
 
 
 def _legend(figure: Figure, axes: Axes) -> None:
-    """A legend below, where there is anything to name."""
+    """Draw a legend below, where there is anything to name."""
     names = axes.get_legend_handles_labels()[1]
     if names:
         figure.legend(loc="outside lower center", ncols=len(names), frameon=False, fontsize=9)

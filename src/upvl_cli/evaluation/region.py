@@ -1,4 +1,4 @@
-"""The part of the ground that is scored."""
+"""The part of the ground around the car that is scored."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Region:
 
     @classmethod
     def parse(cls, text: str) -> Region:
-        """The region of a text such as `100x40`.
+        """Return the region that a text such as `100x40` names.
 
         Raises:
             BadSetting: It is not two positive numbers.
@@ -34,7 +34,11 @@ class Region:
             )
         return cls(length_m, width_m)
 
-    def holds(self, xyz_ego_m: Array) -> Bools:
-        """(n,) whether each place lies inside."""
+    def contains(self, xyz_ego_m: Array) -> Bools:
+        """Return (n,) whether each place lies inside; the edge belongs to it.
+
+        Args:
+            xyz_ego_m: (n, 3) places in ego axes; their height does not matter.
+        """
         x, y = np.abs(xyz_ego_m[:, :2]).T
         return np.asarray((x <= self.length_m / 2) & (y <= self.width_m / 2))

@@ -1,4 +1,4 @@
-"""What an evaluation found: as lines and tables for the terminal, and as JSON."""
+"""The report of an evaluation, as lines and tables for the terminal and as JSON."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from upvl_cli.evaluation.score import DetectionScore, Diagnosis, TrackScore
 
 @dataclass(frozen=True)
 class Scope:
-    """What was scored.
+    """What a report is about.
 
     Attributes:
-        what: "labels" or "tracks".
+        what: "labels", "detections" or "tracks".
         mode: "moving-only" or "all-motion".
         region: The part of the ground that counts; None for all of it.
-        settings: The values it was made with.
-        segments: The drives.
-        frames: How many of their frames are labelled.
-        labels: How many labels count, of any motion.
-        without_velocity: How many of them have no velocity, and so count as standing.
-        boxes: How many boxes count.
-        left_out: Why a drive could not be scored, by its name.
-        dropped: How many labels and boxes do not count, by reason.
+        settings: The settings of `eval`.
+        segments: Names of the drives.
+        frames: Number of labelled frames.
+        labels: Number of labels, moving and standing.
+        without_velocity: Number of labels without a velocity, which count as standing.
+        boxes: Number of boxes.
+        left_out: Reason why a drive could not be scored, by its name.
+        dropped: Number of labels and boxes that do not count, by reason.
     """
 
     what: str
@@ -49,13 +49,13 @@ class Scope:
 
 @dataclass(frozen=True)
 class NamedScore:
-    """Average precision (level 2) of what has the right name.
+    """Average precision (level 2) by class at one IoU.
 
     Attributes:
-        iou: Least 3D IoU of a match.
-        vehicle: Of vehicles.
-        vru: Of walkers and riders together.
-        mean: The mean of both.
+        iou: Minimum 3D IoU of a match.
+        vehicle: Average precision of vehicles.
+        vru: Average precision of pedestrians and cyclists as one class.
+        mean: Mean of both.
     """
 
     iou: float
@@ -70,11 +70,11 @@ class Report:
 
     Attributes:
         scope: What was scored.
-        detection: Average precision; none for tracks.
-        named: Average precision by name, where it was asked for.
-        diagnosis: Errors of the boxes; None for tracks.
-        tracking: CLEAR-MOT; none for labels.
-        flow: Errors of the flow, beside labels; None where the truth is not known.
+        detection: Class-agnostic average precision; empty for tracks.
+        named: Average precision by class; empty where it was not asked for.
+        diagnosis: Analysis of the errors; None for tracks.
+        tracking: CLEAR-MOT scores; empty for labels and detections.
+        flow: Errors of the flow; None but for labels of a dataset that knows the true flow.
     """
 
     scope: Scope
@@ -86,12 +86,12 @@ class Report:
 
     @property
     def name(self) -> str:
-        """Name of the files it is written to, without suffix."""
+        """Name of the files that it is written to, without suffix."""
         return f"{self.scope.what}-{self.scope.mode}"
 
 
 def as_json(report: Report) -> str:
-    """The whole report with sorted keys; what is not a number is null."""
+    """Return the whole report as JSON with sorted keys; NaN and infinity become null."""
     return json.dumps(_plain(asdict(report)), sort_keys=True, indent=1, allow_nan=False) + "\n"
 
 
@@ -103,8 +103,8 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def shown(report: Report) -> Iterator[str | Table]:
-    """Lines and tables that tell what was scored and how good it is; an empty line before each table."""
+def render(report: Report) -> Iterator[str | Table]:
+    """Yield the lines and tables for the terminal, with an empty line before each table."""
     yield from _scope(report.scope)
     for table in _tables(report):
         yield ""
@@ -161,10 +161,10 @@ def _diagnosis(diagnosis: Diagnosis) -> Iterator[Table]:
     best = diagnosis.best
     if best:
         counts = {"right": best.right, "misplaced": best.localisation, "on the background": best.background}
-        looked_at = sum(counts.values())
-        table = _table(f"best {looked_at} boxes at IoU {diagnosis.iou:g}", "boxes", "share")
+        total = sum(counts.values())
+        table = _table(f"best {total} boxes at IoU {diagnosis.iou:g}", "boxes", "share")
         for name, boxes in counts.items():
-            table.add_row(name, str(boxes), _share(boxes, looked_at))
+            table.add_row(name, str(boxes), _share(boxes, total))
         yield table
     table = _table(f"labels missed at IoU {diagnosis.iou:g}", "labels", "missed", "share")
     for group in diagnosis.misses:
@@ -198,8 +198,9 @@ def _flow(flow: FlowScore) -> Iterator[Table]:
     table.add_row("accuracy", *map(_number, (errors.strict, errors.relaxed, errors.dynamic_iou)))
     yield table
     table = _table("speed-normalised", "static (m)", "dynamic")
-    for of in flow.classes:
-        table.add_row(of.name, _number(of.static_epe_m), _number(of.dynamic_error))
+    for errors_of_class in flow.classes:
+        static_epe_m, dynamic_error = errors_of_class.static_epe_m, errors_of_class.dynamic_error
+        table.add_row(errors_of_class.name, _number(static_epe_m), _number(dynamic_error))
     table.add_row("mean over classes", "", _number(flow.mean_dynamic_error))
     yield table
 
@@ -216,5 +217,5 @@ def _number(value: float) -> str:
     return f"{value:.3f}" if math.isfinite(value) else "-"
 
 
-def _share(part: int, whole: int) -> str:
-    return f"{part / whole:.0%}" if whole else "-"
+def _share(part: int, total: int) -> str:
+    return f"{part / total:.0%}" if total else "-"

@@ -1,4 +1,4 @@
-"""One evaluation from the shards to the report, its JSON and its pictures."""
+"""One evaluation: from the shards to the report, its JSON and its plots."""
 
 from __future__ import annotations
 
@@ -18,41 +18,43 @@ from upvl_cli.evaluation.config import EvalConfig
 from upvl_cli.evaluation.flow_score import flow_score
 from upvl_cli.evaluation.gather import Material, gather
 from upvl_cli.evaluation.region import Region
-from upvl_cli.evaluation.report import NamedScore, Report, Scope, as_json, shown
+from upvl_cli.evaluation.report import NamedScore, Report, Scope, as_json, render
 from upvl_cli.evaluation.score import detection_scores, diagnosis, named_scores, track_scores
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.runtime.atomic import atomic_file, write_if_changed
+from upvl_cli.stages import mask
 
 if TYPE_CHECKING:
     from types import ModuleType
 
+# What can be scored, and the stage that makes its boxes.
 STAGE_OF = {"labels": "nms", "detections": "detect", "tracks": "nms"}
 
 
 def evaluate(
     workspace: Workspace,
     what: str,
-    moving_only: bool,
+    moving_only: bool | None,
     class_agnostic: bool,
     region: str | None,
     overrides: Mapping[str, Any],
     segments: Collection[str] = (),
 ) -> Report:
-    """Score the auto labels or the detections of a workspace against its labels.
+    """Score the auto labels, tracks or detections of a workspace against human labels.
 
     Args:
-        workspace: Where.
+        workspace: The workspace whose shards are scored.
         what: A key of `STAGE_OF`.
-        moving_only: Whether only labels that move are asked for.
-        class_agnostic: Whether any object is right, whatever its class; else average precision by name is told too.
+        moving_only: Whether only moving labels count; None counts those that the auto labels are meant to hold.
+        class_agnostic: Whether all objects are of one class; else the average precision by class comes on top.
         region: Length x width (m) around the car, such as `100x40`; None takes all.
         overrides: Values that replace those of `eval.toml`.
-        segments: Which drives; empty takes all.
+        segments: Names of the drives; empty takes all.
 
     Raises:
         BadInput: No drive has labels, or a file of labels is damaged.
         BadSetting: There is no such thing to score, or a value is wrong.
-        NotMade: The auto labels are missing or were made with other settings.
+        NotMade: The boxes are missing or were made with other settings.
     """
     if what not in STAGE_OF:
         raise BadSetting(f"--what {what!r}: expected one of {', '.join(STAGE_OF)}")
@@ -66,8 +68,10 @@ def evaluate(
     area = Region.parse(region) if region else None
     by_class = gather(workspace, STAGE_OF[what], region=area, named=not class_agnostic, segments=segments)
     material = by_class.without_classes()
+    if moving_only is None:
+        moving_only = labels_only_moving(workspace)
     mode = "moving-only" if moving_only else "all-motion"
-    scope = _scope(what, mode, material, settings, area)
+    scope = _scope(what, mode, by_class, settings, area)
     if what == "tracks":
         return Report(scope, tracking=track_scores(material, settings, moving_only=moving_only))
     return Report(
@@ -79,14 +83,27 @@ def evaluate(
     )
 
 
+def labels_only_moving(workspace: Workspace) -> bool:
+    """Return whether the auto labels of a workspace hold moving objects only: its eps_sf is above 0 (UP-VL, 3.1).
+
+    Args:
+        workspace: The workspace, with the preset that its shards were last made with.
+    """
+    return workspace.settings(mask.STAGE).min_speed_mps > 0
+
+
 def _named(material: Material, settings: EvalConfig, moving_only: bool) -> list[NamedScore]:
-    """Average precision by name at each IoU."""
+    """Return the average precision by class at each IoU."""
     moving_mps = settings.moving_mps if moving_only else None
     return [NamedScore(iou, *named_scores(material, iou=iou, moving_mps=moving_mps)) for iou in settings.iou]
 
 
 def write(workspace: Workspace, report: Report) -> Iterator[Path]:
-    """Write the JSON and the pictures of a report to `out/eval/`; yields the files.
+    """Write the JSON and the plots of a report to `out/eval/`; yields the paths.
+
+    Args:
+        workspace: The workspace that was scored.
+        report: Its report.
 
     Raises:
         UpvlError: They cannot be written.
@@ -95,7 +112,7 @@ def write(workspace: Workspace, report: Report) -> Iterator[Path]:
     path = folder / f"{report.name}.json"
     write_if_changed(path, as_json(report))
     yield path
-    with _drawing() as plots:
+    with _drawing_library() as plots:
         for name, figure in plots.plots(report):
             path = folder / f"{report.name}-{name}.png"
             with atomic_file(path) as file:
@@ -105,10 +122,10 @@ def write(workspace: Workspace, report: Report) -> Iterator[Path]:
 
 
 @contextmanager
-def _drawing() -> Iterator[ModuleType]:
-    """What draws a report: silent, and the same whatever a home folder or the environment say.
+def _drawing_library() -> Iterator[ModuleType]:
+    """Give the module of the plots, silent and independent of a home folder and the environment.
 
-    It loads the drawing library, which only this needs.
+    matplotlib is loaded here, for only this needs it.
     """
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     os.environ["MPLBACKEND"] = "agg"  # any other could open windows, and an unknown one stops the import
@@ -134,7 +151,7 @@ def _scope(
     settings: EvalConfig,
     region: Region | None,
 ) -> Scope:
-    unknown = np.isnan(material.labels.velocity_mps).any(axis=1)
+    has_no_velocity = np.isnan(material.labels.velocity_mps).any(axis=1)
     return Scope(
         what=what,
         mode=mode,
@@ -143,11 +160,11 @@ def _scope(
         segments=material.segments,
         frames=material.frames,
         labels=len(material.labels),
-        without_velocity=int(unknown.sum()),
+        without_velocity=int(has_no_velocity.sum()),
         boxes=len(material.predictions),
         left_out=material.left_out,
         dropped=material.dropped,
     )
 
 
-__all__ = ["STAGE_OF", "evaluate", "shown", "write"]
+__all__ = ["STAGE_OF", "evaluate", "render", "write"]

@@ -1,4 +1,4 @@
-"""Scores boxes and tracks by Waymo's definitions, all objects or moving ones only, without classes."""
+"""Scores of boxes and tracks by Waymo's definitions: of all objects, or of moving ones only."""
 
 from __future__ import annotations
 
@@ -9,17 +9,23 @@ import numpy as np
 
 from upvl_cli.evaluation.config import EvalConfig
 from upvl_cli.evaluation.gather import Material
-from upvl_cli.metrics.breakdown import OBJECT_TYPE, Breakdown, moving
-from upvl_cli.metrics.detection import DetectionResult, detection, match_boxes
-from upvl_cli.metrics.errors import Misses, Outcome, TopOutcomes, misses, outcomes, top_outcomes
-from upvl_cli.metrics.inputs import Predictions, Truth, relabelled, speed_mps
-from upvl_cli.metrics.official import LEVELS, SCORE_CUTOFFS, TYPES
-from upvl_cli.metrics.tracking import TrackingResult, tracking
+from upvl_cli.metrics.error_analysis import (
+    MissedLabels,
+    Outcome,
+    TopOutcomes,
+    classify_predictions,
+    count_missed_labels,
+    count_top_outcomes,
+)
+from upvl_cli.metrics.waymo.breakdown import OBJECT_TYPE, Breakdown, moving_objects
+from upvl_cli.metrics.waymo.detection import DetectionResult, detection, match_boxes
+from upvl_cli.metrics.waymo.inputs import Predictions, Truth, map_types, speed_mps
+from upvl_cli.metrics.waymo.official import LEVELS, NEAR_IOU, SCORE_CUTOFFS, TYPES
+from upvl_cli.metrics.waymo.tracking import TrackingResult, tracking
 from upvl_cli.types import Bools, Floats, Ints
 
 _OBJECT, _OTHER = 1, 2  # types that stand for "an object" and, in the split of errors, "a standing one"
-VRU = {4: 2}  # riders count as walkers
-_NEAR_IOU = 0.01  # Waymo's: a false box this close to a label of another speed is that speed's
+VRU = {4: 2}  # new type by type, the paper's vulnerable road users: cyclists count as pedestrians
 
 
 @dataclass(frozen=True)
@@ -27,16 +33,16 @@ class DetectionScore:
     """Average precision of one group of objects at one IoU; pairs hold level 1 and level 2.
 
     Attributes:
-        iou: Least 3D IoU of a match.
-        objects: Which labels and boxes, by range; "all" for all of them.
-        labels: How many labels count.
+        iou: Minimum 3D IoU of a match.
+        objects: Group of labels and boxes by range; "all" for all of them.
+        labels: Number of labels.
         ap: Average precision.
-        aph: The same, weighted by heading.
-        precision: At the cut-off of the highest F1, level 2.
-        recall: At the same one.
-        cutoff: That cut-off.
-        curve_precision: One value a cut-off, level 2.
-        curve_recall: The same for the recall.
+        aph: Average precision weighted by heading accuracy.
+        precision: Precision at the cut-off of the highest F1, level 2.
+        recall: Recall at the cut-off of the highest F1, level 2.
+        cutoff: Score cut-off of the highest F1, level 2.
+        curve_precision: Precision at each cut-off, level 2.
+        curve_recall: Recall at each cut-off, level 2.
     """
 
     iou: float
@@ -68,58 +74,58 @@ class TrackScore:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Why boxes are wrong, and which labels are missed, at the IoU `iou` and with boxes of any score.
+    """Analysis of errors at one IoU, with boxes of any score.
 
     Attributes:
-        iou: From this 3D IoU on a box is right.
-        best: What the best-scored boxes are; None without a label and a box.
-        misses: Labels missed, by points, range, view and speed.
+        iou: 3D IoU from which a box is right.
+        best: Kinds of the best-scored boxes; None without a label and a box.
+        misses: Missed labels by points, range, view and speed.
     """
 
     iou: float
     best: TopOutcomes | None
-    misses: list[Misses]
+    misses: list[MissedLabels]
 
 
 def detection_scores(material: Material, settings: EvalConfig, *, moving_only: bool) -> list[DetectionScore]:
-    """Average precision at each IoU, of all objects and by range.
+    """Return the average precision at each IoU, of all objects and by range.
 
-    Boxes and labels are put to a range each by its own centre, as in Waymo's breakdown by range.
+    Each box and each label belongs to the range of its own centre, as in Waymo's breakdown by range.
 
     Args:
-        material: What is scored.
+        material: Labels and boxes of one type.
         settings: IoUs, and bounds of speed and range.
-        moving_only: Whether only labels that move are asked for.
+        moving_only: Whether only moving labels count.
     """
     truth, _, _ = material.for_detection()
     predictions = material.predictions
-    of_truth, names = _by_range(truth, settings.range_edges_m)
-    of_prediction, _ = _by_range(predictions, settings.range_edges_m)
-    groups = [("all", np.ones_like(of_truth, dtype=bool), np.ones_like(of_prediction, dtype=bool))]
-    groups += [(name, of_truth == number, of_prediction == number) for number, name in enumerate(names)]
+    truth_group, names = _group_by_edges(_range_m(truth), settings.range_edges_m, "m")
+    prediction_group, _ = _group_by_edges(_range_m(predictions), settings.range_edges_m, "m")
+    groups = [("all", np.ones_like(truth_group, dtype=bool), np.ones_like(prediction_group, dtype=bool))]
+    groups += [(name, truth_group == number, prediction_group == number) for number, name in enumerate(names)]
     breakdown = _breakdown(settings, moving_only)
     scores = []
     for iou in settings.iou:
         for name, labels, boxes in groups:
-            results = _scored(truth[labels], predictions[boxes], iou, breakdown)
-            scores.append(_score(iou, name, _count(truth[labels], breakdown), results))
+            results = _detection_by_level(truth[labels], predictions[boxes], iou, breakdown)
+            scores.append(_detection_score(iou, name, _count_labels(truth[labels], breakdown), results))
     return scores
 
 
 def named_scores(material: Material, *, iou: float, moving_mps: float | None) -> tuple[float, float, float]:
-    """Average precision (level 2) of vehicles, of walkers and riders together (VRU), and the mean of both.
+    """Return the average precision (level 2) of vehicles, of pedestrians and cyclists (VRU), and the mean of both.
 
     Args:
-        material: What is scored, with classes.
-        iou: Least 3D IoU of a match.
-        moving_mps: Only labels at least this fast are asked for; None takes all.
+        material: Labels and boxes with types.
+        iou: Minimum 3D IoU of a match.
+        moving_mps: Speed from which a label counts; None counts all.
     """
-    truth, predictions = relabelled(material.for_detection()[0], VRU), relabelled(material.predictions, VRU)
+    truth, predictions = map_types(material.for_detection()[0], VRU), map_types(material.predictions, VRU)
     results = detection(
         truth,
         predictions,
         iou_thresholds=(iou,) * len(TYPES),
-        breakdowns=[OBJECT_TYPE if moving_mps is None else moving(min_speed_mps=moving_mps)],
+        breakdowns=[OBJECT_TYPE if moving_mps is None else moving_objects(min_speed_mps=moving_mps)],
         score_cutoffs=SCORE_CUTOFFS,
         matcher="hungarian",
     )
@@ -128,12 +134,14 @@ def named_scores(material: Material, *, iou: float, moving_mps: float | None) ->
 
 
 def track_scores(material: Material, settings: EvalConfig, *, moving_only: bool) -> list[TrackScore]:
-    """CLEAR-MOT at each IoU and level; moving tracks are chosen by their own speed, as Waymo does.
+    """Return the CLEAR-MOT scores at each IoU and level.
+
+    Of labels and of boxes alike, those that move are chosen by their own speed, as Waymo's tracking tool does.
 
     Args:
-        material: What is scored.
+        material: Labels and boxes of one type.
         settings: IoUs, and the bound of speed.
-        moving_only: Whether only what moves counts.
+        moving_only: Whether only moving labels and boxes count.
     """
     scores = []
     for iou in settings.iou:
@@ -150,15 +158,15 @@ def track_scores(material: Material, settings: EvalConfig, *, moving_only: bool)
 
 
 def diagnosis(material: Material, settings: EvalConfig, *, moving_only: bool) -> Diagnosis:
-    """Why boxes are wrong and which labels are missed.
+    """Return why boxes are wrong and which labels are missed.
 
     With `moving_only` a box that is matched with a standing label, or overlaps standing ones only, is neither
     right nor wrong.
 
     Args:
-        material: What is scored.
-        settings: IoUs and bounds.
-        moving_only: Whether only labels that move are asked for.
+        material: Labels and boxes of one type.
+        settings: IoUs, and the edges of the groups.
+        moving_only: Whether only moving labels count.
     """
     truth, points, in_view = material.for_detection()
     counted = _breakdown(settings, moving_only).shard_of(truth) == 0
@@ -173,46 +181,49 @@ def diagnosis(material: Material, settings: EvalConfig, *, moving_only: bool) ->
     right = matched & np.append(counted, False)[matches.truth]
     predictions = replace(
         material.predictions,
-        unlabelled=(matched & ~right) | _near_others_only(truth, material.predictions, counted, matched),
+        unlabelled=(matched & ~right)
+        | _touches_uncounted_only(truth, material.predictions, counted, matched),
     )
-    asked = truth[counted]
-    outcome = outcomes(asked, predictions, right, least_iou=settings.overlap_iou)
-    best = top_outcomes(asked, predictions, outcome, top_share=settings.top_share)
+    counted_truth = truth[counted]
+    outcome = classify_predictions(counted_truth, predictions, right, min_overlap_iou=settings.overlap_iou)
+    best = count_top_outcomes(counted_truth, predictions, outcome, top_share=settings.top_share)
     found = matches.prediction[counted] >= 0
-    missed = misses(
+    missed = count_missed_labels(
         found,
         points=points[counted],
-        range_m=_range_m(asked),
+        range_m=_range_m(counted_truth),
         in_view=in_view[counted],
         point_edges=settings.point_edges,
         range_edges_m=settings.range_edges_m,
     )
-    missed += _missed_by_speed(asked, found, settings.speed_edges_mps)
-    return Diagnosis(settings.right_iou, next((of for of in best if of.type == _OBJECT), None), missed)
+    missed += _missed_by_speed(counted_truth, found, settings.speed_edges_mps)
+    return Diagnosis(
+        settings.right_iou, next((outcomes for outcomes in best if outcomes.type == _OBJECT), None), missed
+    )
 
 
-def _near_others_only(truth: Truth, predictions: Predictions, counted: Bools, matched: Bools) -> Bools:
-    """(m,) boxes without a match that touch labels that do not count, and none that does."""
+def _touches_uncounted_only(truth: Truth, predictions: Predictions, counted: Bools, matched: Bools) -> Bools:
+    """Return (m,) whether a box has no match and touches labels that do not count, and none that does."""
     kinds = replace(truth, type=np.where(counted, _OBJECT, _OTHER))
-    touched = outcomes(kinds, predictions, matched, least_iou=_NEAR_IOU)
+    touched = classify_predictions(kinds, predictions, matched, min_overlap_iou=NEAR_IOU)
     return np.asarray(touched == Outcome.OTHER_CLASS)
 
 
-def _missed_by_speed(truth: Truth, found: Bools, edges_mps: Sequence[float]) -> list[Misses]:
-    group, names = _groups(speed_mps(truth.velocity_mps), edges_mps, "m/s")
+def _missed_by_speed(truth: Truth, found: Bools, edges_mps: Sequence[float]) -> list[MissedLabels]:
+    group, names = _group_by_edges(speed_mps(truth.velocity_mps), edges_mps, "m/s")
     labels = np.bincount(group, minlength=len(names)).tolist()
     missed = np.bincount(group[~found], minlength=len(names)).tolist()
-    return [Misses("speed", *row) for row in zip(names, labels, missed, strict=True)]
+    return [MissedLabels("speed", *row) for row in zip(names, labels, missed, strict=True)]
 
 
 def _breakdown(settings: EvalConfig, moving_only: bool) -> Breakdown:
-    return moving(min_speed_mps=settings.moving_mps) if moving_only else OBJECT_TYPE
+    return moving_objects(min_speed_mps=settings.moving_mps) if moving_only else OBJECT_TYPE
 
 
-def _scored(
+def _detection_by_level(
     truth: Truth, predictions: Predictions, iou: float, breakdown: Breakdown
 ) -> tuple[DetectionResult, DetectionResult]:
-    """Level 1 and level 2 of the first shard: the objects."""
+    """Return level 1 and level 2 of the first shard: the objects."""
     first, second, *_ = detection(
         truth,
         predictions,
@@ -224,12 +235,12 @@ def _scored(
     return first, second
 
 
-def _count(truth: Truth, breakdown: Breakdown) -> tuple[int, int]:
+def _count_labels(truth: Truth, breakdown: Breakdown) -> tuple[int, int]:
     level = truth.level[breakdown.shard_of(truth) == 0]
     return int((level <= 1).sum()), len(level)
 
 
-def _score(
+def _detection_score(
     iou: float, objects: str, labels: tuple[int, int], results: tuple[DetectionResult, DetectionResult]
 ) -> DetectionScore:
     first, second = results
@@ -264,17 +275,13 @@ def _track_score(iou: float, result: TrackingResult) -> TrackScore:
     )
 
 
-def _by_range(boxes: Truth | Predictions, edges_m: Sequence[float]) -> tuple[Ints, list[str]]:
-    return _groups(_range_m(boxes), edges_m, "m")
-
-
 def _range_m(boxes: Truth | Predictions) -> Floats:
-    """(n,) distance of the centres from the origin of the car, height included, as in Waymo's breakdown."""
-    return np.asarray(np.linalg.norm(boxes.seven[:, :3], axis=1))
+    """Return (n,) distance of the centres from the ego origin, height included, as in Waymo's breakdown."""
+    return np.asarray(np.linalg.norm(boxes.center_m, axis=1))
 
 
-def _groups(values: Floats, edges: Sequence[float], unit: str) -> tuple[Ints, list[str]]:
-    """(n,) group of each value, and the name of each group."""
+def _group_by_edges(values: Floats, edges: Sequence[float], unit: str) -> tuple[Ints, list[str]]:
+    """Return (n,) group of each value, and the name of each group."""
     between = [f"[{low:g}, {high:g}) {unit}" for low, high in zip(edges, edges[1:], strict=False)]
     names = [f"below {edges[0]:g} {unit}", *between, f"from {edges[-1]:g} {unit}"]
     return np.searchsorted(edges, values, side="right"), names

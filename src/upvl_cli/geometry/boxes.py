@@ -1,9 +1,9 @@
-"""Upright boxes as (n, 7) rows of x, y, z of the centre, length, width, height (m), heading (rad)."""
+"""Upright boxes: their corners, the points inside them, and their change of axes."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TypeVar
+from typing import overload
 
 import numpy as np
 
@@ -11,34 +11,47 @@ from upvl_cli.errors import BadInput
 from upvl_cli.geometry.se3 import apply, wrap_angle, yaw_of
 from upvl_cli.types import Array, Bools, Boxes, Ints
 
-B = TypeVar("B", Boxes, Array)
-_FEW = 4  # boxes for which sorting all points does not pay
+_FEW_BOXES = 4  # up to so many, a pass over all points for each box is quicker than sorting the points
+_ROUNDING_M = 1e-6  # spare room of the first, coarse test: a thousand times the rounding of world coordinates
 # Front left, rear left, rear right, front right: counter-clockwise, in half lengths and half widths.
 _CORNER_SIGNS = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
 
 
 def as_rows(boxes: Boxes | Array) -> Array:
-    """TEMPORARY: (n, 7) rows of boxes, until every room uses the named parts."""
+    """TEMPORARY: return (n, 7) rows of boxes, until every room uses the named parts."""
     return boxes.to_rows() if isinstance(boxes, Boxes) else boxes
 
 
-def checked(boxes: Boxes | Array) -> Array:
-    """Return the boxes as (n, 7) float64.
+def geometry_of(boxes: Boxes | Array) -> Boxes:
+    """Return plain boxes, without what a subclass adds (and, TEMPORARILY, from (n, 7) rows).
 
     Args:
-        boxes: (n, 7) boxes, or nothing at all.
+        boxes: n boxes.
 
     Raises:
-        BadInput: The shape is another one, or a number is NaN or infinite.
+        BadInput: Rows have another shape than (n, 7).
     """
-    boxes = np.asarray(as_rows(boxes), dtype=np.float64)
-    if boxes.size == 0:
-        return np.zeros((0, 7))
-    if boxes.ndim != 2 or boxes.shape[1] != 7:
-        raise BadInput(f"boxes have shape {boxes.shape}, expected (n, 7): x, y, z, l, w, h, heading")
-    if not np.isfinite(boxes).all():
-        row = int(np.flatnonzero(~np.isfinite(boxes).all(axis=1))[0])
-        raise BadInput(f"box {row} is not finite: {boxes[row].tolist()}; drop it or mend its source")
+    if isinstance(boxes, Boxes):
+        return Boxes(boxes.center_m, boxes.size_lwh_m, boxes.heading_rad)
+    return Boxes.from_rows(boxes)
+
+
+def check_finite(boxes: Boxes | Array) -> Boxes:
+    """Return the boxes, plain, after a check that every number of them is finite.
+
+    Args:
+        boxes: n boxes.
+
+    Raises:
+        BadInput: A number is NaN or infinite; the message names the first such box.
+    """
+    boxes = geometry_of(boxes)
+    finite = np.isfinite(boxes.heading_rad)
+    finite &= np.isfinite(boxes.center_m).all(axis=1) & np.isfinite(boxes.size_lwh_m).all(axis=1)
+    if not finite.all():
+        index = int(np.argmin(finite))
+        row = boxes[index : index + 1].to_rows()[0].tolist()
+        raise BadInput(f"box {index} is not finite: {row}; drop it or mend its source")
     return boxes
 
 
@@ -46,24 +59,30 @@ def corners_bev(boxes: Boxes | Array) -> Array:
     """Return (n, 4, 2) corners seen from above: front left, rear left, rear right, front right.
 
     Args:
-        boxes: (n, 7) boxes.
+        boxes: n boxes.
+
+    Raises:
+        BadInput: A box is not finite.
     """
-    boxes = checked(boxes)
-    along, across = np.moveaxis(_CORNER_SIGNS * boxes[:, None, 3:5] / 2, -1, 0)
-    cos, sin = np.cos(boxes[:, 6:]), np.sin(boxes[:, 6:])
+    boxes = check_finite(boxes)
+    along, across = np.moveaxis(_CORNER_SIGNS * boxes.size_lwh_m[:, None, :2] / 2, -1, 0)
+    cos, sin = np.cos(boxes.heading_rad)[:, None], np.sin(boxes.heading_rad)[:, None]
     turned = np.stack([along * cos - across * sin, along * sin + across * cos], axis=-1)
-    return np.asarray(boxes[:, None, :2] + turned)
+    return np.asarray(boxes.center_m[:, None, :2] + turned)
 
 
 def corners(boxes: Boxes | Array) -> Array:
     """Return (n, 8, 3) corners: the four of `corners_bev` on the floor, then the same on the roof.
 
     Args:
-        boxes: (n, 7) boxes.
+        boxes: n boxes.
+
+    Raises:
+        BadInput: A box is not finite.
     """
-    boxes = checked(boxes)
-    rise = boxes[:, 5:6] * np.repeat([-0.5, 0.5], 4)
-    height = boxes[:, 2:3] + rise
+    boxes = check_finite(boxes)
+    rise = boxes.size_lwh_m[:, 2:] * np.repeat([-0.5, 0.5], 4)
+    height = boxes.center_m[:, 2:] + rise
     return np.concatenate([np.tile(corners_bev(boxes), (1, 2, 1)), height[..., None]], axis=-1)
 
 
@@ -75,16 +94,20 @@ def pairs_inside(xyz: Array, boxes: Boxes | Array, *, margin_m: float) -> tuple[
 
     Args:
         xyz: (m, 3) points in the axes of the boxes; a point that is not finite lies nowhere.
-        boxes: (n, 7) boxes; their faces belong to them.
+        boxes: n boxes; their faces belong to them.
         margin_m: The boxes grow by this on every side; negative shrinks them.
+
+    Raises:
+        BadInput: A box is not finite.
     """
-    boxes, xyz = checked(boxes), np.asarray(xyz, dtype=np.float64).reshape(-1, 3)
-    cos, sin = np.cos(boxes[:, 6]), np.sin(boxes[:, 6])
-    half = boxes[:, 3:6] / 2 + margin_m
-    reach = np.abs(cos) * half[:, 0] + np.abs(sin) * half[:, 1] + 1e-6  # spare room for rounding
+    boxes, xyz = check_finite(boxes), np.asarray(xyz, dtype=np.float64).reshape(-1, 3)
+    center_m = boxes.center_m
+    cos, sin = np.cos(boxes.heading_rad), np.sin(boxes.heading_rad)
+    half = boxes.size_lwh_m / 2 + margin_m
+    reach = np.abs(cos) * half[:, 0] + np.abs(sin) * half[:, 1] + _ROUNDING_M
     hits = []
-    for i, strip in enumerate(_strips(xyz[:, 0], boxes[:, 0], reach)):
-        dx, dy, dz = (xyz[strip] - boxes[i, :3]).T
+    for i, strip in enumerate(_strips(xyz[:, 0], center_m[:, 0], reach)):
+        dx, dy, dz = (xyz[strip] - center_m[i]).T
         inside = np.abs(dx * cos[i] + dy * sin[i]) <= half[i, 0]
         inside &= np.abs(dy * cos[i] - dx * sin[i]) <= half[i, 1]
         inside &= np.abs(dz) <= half[i, 2]
@@ -95,10 +118,10 @@ def pairs_inside(xyz: Array, boxes: Boxes | Array, *, margin_m: float) -> tuple[
 
 
 def _strips(x: Array, middle: Array, reach: Array) -> Iterator[Ints]:
-    """The points whose x is no farther than its reach from the middle of each box."""
-    if len(middle) <= _FEW:
-        for centre, far in zip(middle, reach, strict=True):
-            yield np.flatnonzero(np.abs(x - centre) <= far)
+    """Yield for each box the points whose x is no farther than `reach` from its `middle`."""
+    if len(middle) <= _FEW_BOXES:
+        for center, far in zip(middle, reach, strict=True):
+            yield np.flatnonzero(np.abs(x - center) <= far)
         return
     order = np.argsort(x, kind="stable")
     first = np.searchsorted(x[order], middle - reach, side="left")
@@ -112,8 +135,11 @@ def points_inside(xyz: Array, boxes: Boxes | Array, *, margin_m: float) -> Bools
 
     Args:
         xyz: (m, 3) points in the axes of the boxes.
-        boxes: (n, 7) boxes; their faces belong to them.
+        boxes: n boxes; their faces belong to them.
         margin_m: The boxes grow by this on every side; negative shrinks them.
+
+    Raises:
+        BadInput: A box is not finite.
     """
     box, point = pairs_inside(xyz, boxes, margin_m=margin_m)
     inside = np.zeros((len(boxes), len(xyz)), dtype=np.bool_)
@@ -121,16 +147,24 @@ def points_inside(xyz: Array, boxes: Boxes | Array, *, margin_m: float) -> Bools
     return inside
 
 
-def transform(boxes: B, dst_from_src: Array) -> B:
-    """Return the boxes in the axes of dst; headings turn by the yaw, so upright stays upright.
+@overload
+def transform(boxes: Boxes, dst_from_src: Array) -> Boxes: ...
+@overload
+def transform(boxes: Array, dst_from_src: Array) -> Array: ...
+def transform(boxes: Boxes | Array, dst_from_src: Array) -> Boxes | Array:
+    """Return the boxes, plain, in the axes of dst; headings turn by the yaw, so upright stays upright.
 
     Args:
-        boxes: (n, 7) boxes in the axes of src.
+        boxes: n boxes in the axes of src; what a subclass adds, such as a velocity, is left behind.
         dst_from_src: (4, 4) rigid transform.
+
+    Raises:
+        BadInput: A box is not finite.
     """
-    moved = checked(boxes).copy()
-    moved[:, :3] = apply(dst_from_src, moved[:, :3])
-    moved[:, 6] = wrap_angle(moved[:, 6] + yaw_of(dst_from_src))
-    if isinstance(boxes, Boxes):
-        return Boxes.from_rows(moved)
-    return moved
+    source = check_finite(boxes)
+    moved = Boxes(
+        center_m=apply(dst_from_src, source.center_m),
+        size_lwh_m=source.size_lwh_m,
+        heading_rad=wrap_angle(source.heading_rad + yaw_of(dst_from_src)),
+    )
+    return moved if isinstance(boxes, Boxes) else moved.to_rows()

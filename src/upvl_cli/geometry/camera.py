@@ -13,7 +13,7 @@ from upvl_cli.geometry.se3 import apply, inverse
 from upvl_cli.types import Array, Bools, Camera, Floats
 
 _NEWTON_STEPS = 20  # each doubles the right digits; a pixel that needs more has no ray
-_SETTLED = 1e-13  # of the focal length: a step that changes no digit that matters
+_NEGLIGIBLE_STEP = 1e-13  # of the focal length: a smaller Newton step changes no digit that matters
 _CONVERGED = 1e-9  # of the focal length: a millionth of a pixel
 
 
@@ -35,13 +35,13 @@ def project(camera: Camera, xyz_ego_m: Array) -> tuple[Floats, Floats, Bools]:
         near = np.einsum("nk,nk->n", plane, plane) < _turning_point(camera)
     reached, plane = reached[near], plane[near]
     uv_px = np.full((len(xyz), 2), np.nan)
-    uv_px[reached] = distorted(camera, plane) @ camera.intrinsic[:2, :2].T + camera.intrinsic[:2, 2]
+    uv_px[reached] = distort(camera, plane) @ camera.intrinsic[:2, :2].T + camera.intrinsic[:2, 2]
     u_px, v_px = uv_px.T
     wide = (u_px >= -0.5) & (u_px < camera.width_px - 0.5)
     return uv_px, depth_m, wide & (v_px >= -0.5) & (v_px < camera.height_px - 0.5)
 
 
-def distorted(camera: Camera, plane: Array) -> Floats:
+def distort(camera: Camera, plane: Array) -> Floats:
     """Return (n, 2) where the lens puts the places of the plane at distance 1.
 
     Args:
@@ -69,11 +69,11 @@ def rays(camera: Camera, uv_px: Array) -> Floats:
     plane = target.copy()
     with np.errstate(all="ignore"):  # a pixel without a ray runs away and becomes NaN below
         for _ in range(_NEWTON_STEPS):
-            step = _newton_step(camera, plane, distorted(camera, plane) - target)
+            step = _newton_step(camera, plane, distort(camera, plane) - target)
             plane -= step
-            if not (np.abs(step) > _SETTLED).any():
+            if not (np.abs(step) > _NEGLIGIBLE_STEP).any():
                 break
-        missed = np.abs(distorted(camera, plane) - target).max(axis=1, initial=0)
+        missed = np.abs(distort(camera, plane) - target).max(axis=1, initial=0)
         arrives = (missed < _CONVERGED) & ((plane * plane).sum(axis=1) < _turning_point(camera))
     plane[~arrives] = np.nan
     direction = np.concatenate([plane, np.ones((len(plane), 1))], axis=1)
@@ -82,7 +82,7 @@ def rays(camera: Camera, uv_px: Array) -> Floats:
 
 
 def _newton_step(camera: Camera, plane: Array, residual: Array) -> Floats:
-    """Return (n, 2) the inverse Jacobian of `distorted` times the residual."""
+    """Return (n, 2) the inverse Jacobian of `distort` times the residual."""
     k1, k2, p1, p2, k3 = camera.distortion
     x, y = plane.T
     r2 = x * x + y * y

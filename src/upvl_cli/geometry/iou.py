@@ -13,11 +13,11 @@ from __future__ import annotations
 import numpy as np
 
 from upvl_cli.errors import BadInput
-from upvl_cli.geometry.boxes import checked
+from upvl_cli.geometry.boxes import check_finite
 from upvl_cli.types import Array, Boxes, Ints
 
-_PAIRS_A_BLOCK = 4096  # (4, 4096) float64 is 128 KiB: the kernel's temporaries stay in the L2 cache
-_REJECTS_A_BLOCK = 32768  # the same for the rejection, which holds a few (rows, columns) temporaries
+_PAIRS_PER_BLOCK = 4096  # (4, 4096) float64 is 128 KiB: the kernel's temporaries stay in the L2 cache
+_REJECTIONS_PER_BLOCK = 32768  # the same for the rejection, which holds a few (rows, columns) temporaries
 _SIZE_TOO_LARGE_M = 1e6
 _SIZE_TOO_SMALL_3D_M = 1e-2
 _UNION_TOO_SMALL = 1e-6
@@ -29,57 +29,59 @@ def iou_bev_pairs(a: Boxes | Array, b: Boxes | Array) -> Array:
     """Return (n,) bird's-eye IoU of each row of `a` with the same row of `b`.
 
     Args:
-        a: (n, 7) boxes x, y, z, l, w, h, heading.
-        b: (n, 7) boxes.
+        a: n boxes.
+        b: n boxes in the same axes.
 
     Raises:
         BadInput: A box is not finite, or there are not as many of them.
     """
-    return _of_pairs(checked(a), checked(b), 2)
+    return _iou_of_pairs(check_finite(a), check_finite(b), 2)
 
 
 def iou_3d_pairs(a: Boxes | Array, b: Boxes | Array) -> Array:
     """Return (n,) 3D IoU of each row of `a` with the same row of `b`.
 
     Args:
-        a: (n, 7) boxes x, y, z, l, w, h, heading.
-        b: (n, 7) boxes.
+        a: n boxes.
+        b: n boxes in the same axes.
 
     Raises:
         BadInput: A box is not finite, or there are not as many of them.
     """
-    return _of_pairs(checked(a), checked(b), 3)
+    return _iou_of_pairs(check_finite(a), check_finite(b), 3)
 
 
 def iou_bev(a: Boxes | Array, b: Boxes | Array) -> Array:
     """Return (n, m) bird's-eye IoU of every pair.
 
     Args:
-        a: (n, 7) boxes x, y, z, l, w, h, heading.
-        b: (m, 7) boxes.
+        a: n boxes.
+        b: m boxes in the same axes.
 
     Raises:
         BadInput: A box is not finite.
     """
-    return _of_all(checked(a), checked(b), 2)
+    return _iou_of_all(check_finite(a), check_finite(b), 2)
 
 
 def iou_3d(a: Boxes | Array, b: Boxes | Array) -> Array:
     """Return (n, m) 3D IoU of every pair.
 
     Args:
-        a: (n, 7) boxes x, y, z, l, w, h, heading.
-        b: (m, 7) boxes.
+        a: n boxes.
+        b: m boxes in the same axes.
 
     Raises:
         BadInput: A box is not finite.
     """
-    return _of_all(checked(a), checked(b), 3)
+    return _iou_of_all(check_finite(a), check_finite(b), 3)
 
 
-def _columns(boxes: Array, dimensions: int) -> Array:
+def _columns(boxes: Boxes, dimensions: int) -> Array:
     """Return (9, n): x, y, z, half l, half w, half h, cos, sin, radius (NaN where every IoU is 0)."""
-    x, y, z, length, width, height, heading = np.ascontiguousarray(boxes.T)
+    x, y, z = np.ascontiguousarray(boxes.center_m.T)
+    length, width, height = np.ascontiguousarray(boxes.size_lwh_m.T)
+    heading = np.ascontiguousarray(boxes.heading_rad)
     smallest = _SIZE_TOO_SMALL_3D_M if dimensions == 3 else 0.0
     sizes = np.stack([length, width, height][:dimensions])
     usable = ((sizes > smallest) & (sizes < _SIZE_TOO_LARGE_M)).all(axis=0)
@@ -89,12 +91,12 @@ def _columns(boxes: Array, dimensions: int) -> Array:
 
 
 @np.errstate(over="ignore")  # an infinite distance is far, an infinite size not usable
-def _of_pairs(a: Array, b: Array, dimensions: int) -> Array:
-    if a.shape != b.shape:
+def _iou_of_pairs(a: Boxes, b: Boxes, dimensions: int) -> Array:
+    if len(a) != len(b):
         raise BadInput(f"pairs of boxes: {len(a)} boxes against {len(b)}, expected as many")
     iou = np.zeros(len(a))
-    for start in range(0, len(a), _PAIRS_A_BLOCK):
-        block = slice(start, start + _PAIRS_A_BLOCK)
+    for start in range(0, len(a), _PAIRS_PER_BLOCK):
+        block = slice(start, start + _PAIRS_PER_BLOCK)
         first, second = _columns(a[block], dimensions), _columns(b[block], dimensions)
         near = np.flatnonzero(_near(first, second))
         iou[block][near] = _iou(first, second, near, near, dimensions)
@@ -102,24 +104,24 @@ def _of_pairs(a: Array, b: Array, dimensions: int) -> Array:
 
 
 @np.errstate(over="ignore")
-def _of_all(a: Array, b: Array, dimensions: int) -> Array:
+def _iou_of_all(a: Boxes, b: Boxes, dimensions: int) -> Array:
     """Reject far pairs block by block, so that only near ones pay and no temporary is a whole matrix."""
     iou = np.zeros((len(a), len(b)))
     columns_a, columns_b = _columns(a, dimensions), _columns(b, dimensions)
-    width = max(min(len(b), _REJECTS_A_BLOCK), 1)
-    height = _REJECTS_A_BLOCK // width
+    width = max(min(len(b), _REJECTIONS_PER_BLOCK), 1)
+    height = _REJECTIONS_PER_BLOCK // width
     for top in range(0, len(a), height):
         for left in range(0, len(b), width):
             first, second = columns_a[:, top : top + height], columns_b[:, left : left + width]
             row, column = np.nonzero(_near(first[:, :, None], second[:, None, :]))
-            for start in range(0, len(row), _PAIRS_A_BLOCK):
-                i, j = row[start : start + _PAIRS_A_BLOCK], column[start : start + _PAIRS_A_BLOCK]
+            for start in range(0, len(row), _PAIRS_PER_BLOCK):
+                i, j = row[start : start + _PAIRS_PER_BLOCK], column[start : start + _PAIRS_PER_BLOCK]
                 iou[top + i, left + j] = _iou(first, second, i, j, dimensions)
     return iou
 
 
 def _near(a: Array, b: Array) -> Array:
-    """Whether the circles around two rectangles meet; a NaN radius meets nothing."""
+    """Return whether the circles around two rectangles meet; a NaN radius meets nothing."""
     dx, dy, reach = b[0] - a[0], b[1] - a[1], a[8] + b[8]
     dx *= dx
     dy *= dy
@@ -154,10 +156,10 @@ def _shared_m2(a: Array, b: Array) -> Array:
     slope = np.stack([lengthwise, crosswise, lengthwise, crosswise])
     following = [1, 2, 3, 0]
 
-    held_x = np.clip(x, -a[3], a[3])
-    cut = held_x - x
-    mean_y = _mean_held(y + cut * slope, y[following] + cut[following] * slope, a[4])
-    area = ((held_x - held_x[following]) * mean_y).sum(axis=0)
+    clipped_x = np.clip(x, -a[3], a[3])
+    cut = clipped_x - x
+    mean_y = _mean_clipped(y + cut * slope, y[following] + cut[following] * slope, a[4])
+    area = ((clipped_x - clipped_x[following]) * mean_y).sum(axis=0)
     return np.where(area > _AREA_TOO_SMALL_M2, area, 0)
 
 
@@ -165,14 +167,14 @@ def _not_zero(values: Array) -> Array:
     return np.where(np.abs(values) < _STEEPEST, _STEEPEST, values)
 
 
-def _mean_held(start: Array, end: Array, bound: Array) -> Array:
+def _mean_clipped(start: Array, end: Array, bound: Array) -> Array:
     """Return the mean of clip(y, -bound, bound) for y going evenly from `start` to `end`.
 
     The middle of the clipped ends is right for the part of the way within the bounds; each part beyond one
     pulls the mean towards that bound by its share of the way.
     """
-    held_start, held_end = np.clip(start, -bound, bound), np.clip(end, -bound, bound)
-    middle = (held_start + held_end) / 2
-    beyond_start, beyond_end = start - held_start, end - held_end
+    clipped_start, clipped_end = np.clip(start, -bound, bound), np.clip(end, -bound, bound)
+    middle = (clipped_start + clipped_end) / 2
+    beyond_start, beyond_end = start - clipped_start, end - clipped_end
     pull = bound * (beyond_start + beyond_end) - middle * (np.abs(beyond_start) + np.abs(beyond_end))
     return np.asarray(middle + pull / (np.abs(end - start) + 1e-300))  # no way, no pull

@@ -23,9 +23,11 @@ import numpy as np
 from upvl_cli.errors import BadInput
 from upvl_cli.types import Array, Bools, Floats, Ints
 
-_DYNAMIC_M = 0.05
-_STRICT, _RELAXED = 0.05, 0.10  # metres, or share of the true total flow
-_FASTEST_MPS, _BUCKETS = 20.0, 50
+# Argoverse 2's, av2-api evaluation/scene_flow/constants.py; they define the scores, so no setting changes them.
+DYNAMIC_M = 0.05  # displacement over the interval from which a point is dynamic
+_STRICT, _RELAXED = 0.05, 0.10  # error in metres, or as a share of the true total flow
+# The challenge's, BucketedSceneFlowEval.
+_MAX_BUCKET_SPEED_MPS, _BUCKETS = 20.0, 50
 
 
 @dataclass(frozen=True)
@@ -60,15 +62,19 @@ class FlowBuckets:
     Attributes:
         count: (c, 51) points.
         error_m: (c, 51) sum of end-point errors.
-        way_m: (c, 51) sum of true displacements.
+        displacement_m: (c, 51) sum of true displacements.
     """
 
     count: Ints
     error_m: Floats
-    way_m: Floats
+    displacement_m: Floats
 
-    def __add__(self, other: FlowBuckets) -> FlowBuckets:
-        return FlowBuckets(self.count + other.count, self.error_m + other.error_m, self.way_m + other.way_m)
+    def __add__(self, addend: FlowBuckets) -> FlowBuckets:
+        return FlowBuckets(
+            self.count + addend.count,
+            self.error_m + addend.error_m,
+            self.displacement_m + addend.displacement_m,
+        )
 
 
 @dataclass(frozen=True)
@@ -99,7 +105,7 @@ def flow_errors(
     dynamic: Bools,
     evaluated: Bools,
 ) -> FlowErrors:
-    """Return the errors of a predicted flow.
+    """Return the errors of a predicted flow over one pair of sweeps.
 
     Args:
         predicted_m: (n, 3) predicted flow.
@@ -112,7 +118,7 @@ def flow_errors(
     Raises:
         BadInput: The prediction is not finite, or has not one row a point.
     """
-    predicted_m, true_m = _checked(predicted_m, true_m)
+    predicted_m, true_m = _check(predicted_m, true_m)
     foreground, dynamic, evaluated = (
         np.asarray(mask, dtype=np.bool_) for mask in (foreground, dynamic, evaluated)
     )
@@ -125,8 +131,8 @@ def flow_errors(
     relative = error_m[moving] / (total_m + 1e-10)  # the term of the Argoverse 2 package
     strict, relaxed = (_mean((error_m[moving] < bound) | (relative < bound)) for bound in (_STRICT, _RELAXED))
 
-    called = (np.linalg.norm(predicted_m, axis=1) >= _DYNAMIC_M)[evaluated]
-    either = int(np.count_nonzero(called | dynamic[evaluated]))
+    predicted_dynamic = (np.linalg.norm(predicted_m, axis=1) >= DYNAMIC_M)[evaluated]
+    either = int(np.count_nonzero(predicted_dynamic | dynamic[evaluated]))
     return FlowErrors(
         three_way_epe_m=(moving_m + standing_m + background_m) / 3,
         dynamic_epe_m=moving_m,
@@ -134,7 +140,7 @@ def flow_errors(
         background_epe_m=background_m,
         strict=strict,
         relaxed=relaxed,
-        dynamic_iou=int(np.count_nonzero(called & dynamic[evaluated])) / max(either, 1),
+        dynamic_iou=int(np.count_nonzero(predicted_dynamic & dynamic[evaluated])) / max(either, 1),
         points=(int(moving.sum()), int(standing.sum()), int(background.sum())),
     )
 
@@ -154,20 +160,20 @@ def flow_buckets(
     Raises:
         BadInput: The prediction is not finite, or has not one row a point, or a class is unknown.
     """
-    predicted_m, true_m = _checked(predicted_m, true_m)
+    predicted_m, true_m = _check(predicted_m, true_m)
     group = np.asarray(group, dtype=np.int64)
     if group.max(initial=-1) >= groups:
         raise BadInput(f"a point of class {group.max()}, expected 0 to {groups - 1}, or -1 where none counts")
     counts = group >= 0
-    way_m = np.linalg.norm(true_m, axis=1)[counts]
+    displacement_m = np.linalg.norm(true_m, axis=1)[counts]
     error_m = np.linalg.norm(predicted_m - true_m, axis=1)[counts]
-    edges_m = np.linspace(0, _FASTEST_MPS * interval_s, _BUCKETS + 1)
-    bucket = np.searchsorted(edges_m, way_m, side="right") - 1
+    edges_m = np.linspace(0, _MAX_BUCKET_SPEED_MPS * interval_s, _BUCKETS + 1)
+    bucket = np.searchsorted(edges_m, displacement_m, side="right") - 1
     place, places = group[counts] * (_BUCKETS + 1) + bucket, groups * (_BUCKETS + 1)
-    weights = np.ones(len(place)), error_m, way_m
+    weights = np.ones(len(place)), error_m, displacement_m
     sums = (np.bincount(place, weight, places).reshape(groups, -1) for weight in weights)
-    count, error_sum_m, way_sum_m = (np.asarray(of, dtype=np.float64) for of in sums)
-    return FlowBuckets(count.astype(np.int64), error_sum_m, way_sum_m)
+    count, error_sum_m, displacement_sum_m = (np.asarray(total, dtype=np.float64) for total in sums)
+    return FlowBuckets(count.astype(np.int64), error_sum_m, displacement_sum_m)
 
 
 def bucket_score(buckets: FlowBuckets) -> BucketScore:
@@ -178,15 +184,15 @@ def bucket_score(buckets: FlowBuckets) -> BucketScore:
     """
     by_speed: Floats = np.full(buckets.error_m.shape, np.nan)
     filled = buckets.count > 0
-    unit = np.where(np.arange(by_speed.shape[1]) == 0, buckets.count, buckets.way_m)
-    by_speed[filled] = buckets.error_m[filled] / unit[filled]
+    normalizer = np.where(np.arange(by_speed.shape[1]) == 0, buckets.count, buckets.displacement_m)
+    by_speed[filled] = buckets.error_m[filled] / normalizer[filled]
     dynamic_error = np.array([_mean(row[~np.isnan(row)]) for row in by_speed[:, 1:]])
     static_epe_m = by_speed[:, 0].copy()
-    static, dynamic = (_mean(of[~np.isnan(of)]) for of in (static_epe_m, dynamic_error))
+    static, dynamic = (_mean(errors[~np.isnan(errors)]) for errors in (static_epe_m, dynamic_error))
     return BucketScore(static_epe_m, dynamic_error, static, dynamic, by_speed)
 
 
-def _checked(predicted_m: Array, true_m: Array) -> tuple[Floats, Floats]:
+def _check(predicted_m: Array, true_m: Array) -> tuple[Floats, Floats]:
     predicted_m = np.asarray(predicted_m, dtype=np.float64).reshape(-1, 3)
     true_m = np.asarray(true_m, dtype=np.float64).reshape(-1, 3)
     if predicted_m.shape != true_m.shape:

@@ -19,7 +19,7 @@ from scipy import ndimage
 from scipy.optimize import lsq_linear, minimize
 from scipy.spatial.transform import Rotation
 
-from upvl_cli.geometry.camera import distorted
+from upvl_cli.geometry.camera import distort
 from upvl_cli.perception.visual.config import CameraCheckConfig
 from upvl_cli.perception.visual.outlines import LEFT, RIGHT, TOP, Outlines, detect_outlines
 from upvl_cli.types import Array, Bools, Camera, Floats, concat
@@ -284,7 +284,7 @@ class EdgeAgreement:
         depth_m = np.maximum(xyz_m[:, 2], _MIN_DEPTH_M)
         plane = xyz_m[:, :2] / depth_m[:, None]
         focal_px, center_px = self.camera.intrinsic[:2, :2], self.camera.intrinsic[:2, 2]
-        uv_px = distorted(self.camera, plane) @ focal_px.T + center_px
+        uv_px = distort(self.camera, plane) @ focal_px.T + center_px
         moves = np.zeros((len(xyz_m), 3, 6))
         x, y, z = rotated.T
         moves[:, 0, 1], moves[:, 0, 2] = z, -y

@@ -1,4 +1,4 @@
-"""From boxes in frames to tracks: which are linked, and what becomes of the links at each cut-off."""
+"""Tracks of labels and predictions: which overlap, and their matches and mismatches at each cut-off."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from itertools import groupby
 import numpy as np
 
 from upvl_cli.errors import BadInput
-from upvl_cli.metrics.assignment import weights_of
-from upvl_cli.metrics.matching import Matches, components
-from upvl_cli.metrics.mot import Event, Link, follow
-from upvl_cli.metrics.official import Matcher
-from upvl_cli.metrics.pairing import Edges, Pairing
-from upvl_cli.metrics.tally import numbered
+from upvl_cli.metrics.waymo.assignment import weights_of
+from upvl_cli.metrics.waymo.matching import Matches, components
+from upvl_cli.metrics.waymo.mot import Event, Link, follow_tracks
+from upvl_cli.metrics.waymo.official import Matcher
+from upvl_cli.metrics.waymo.pairing import Edges, Pairing
+from upvl_cli.metrics.waymo.tally import key_numbers
 from upvl_cli.types import Array, Bools, Ints
 
 
@@ -35,19 +35,19 @@ class Split:
 
 @dataclass(frozen=True)
 class History:
-    """What happened over all frames.
+    """The matches and mismatches of all frames.
 
     Attributes:
         since: (m,) first cut-off that uses each prediction.
         until: (m,) cut-off that ends its use.
-        matches: Who was matched with whom.
-        slips: (k, 3) mismatches: shard, first cut-off, cut-off that ends it.
+        matches: The matched pairs.
+        mismatches: (k, 3) mismatches: shard, first cut-off, cut-off that ends it.
     """
 
     since: Ints
     until: Ints
     matches: Matches
-    slips: Ints
+    mismatches: Ints
 
 
 def history(split: Split, reached: Bools, until: Ints, cutoffs: int, matcher: Matcher) -> History:
@@ -68,7 +68,7 @@ def history(split: Split, reached: Bools, until: Ints, cutoffs: int, matcher: Ma
     prediction_track = _tracks(
         pairing, pairing.prediction_frame, split.prediction_shard, pairing.predictions.object_id
     )
-    _refuse_twins(split, truth_track)
+    _check_unique_ids(split, truth_track)
     since = _first_used(pairing.prediction_frame, prediction_track, until)
     shard = split.prediction_shard[edges.prediction]
     usable = reached & (shard == split.truth_shard[edges.truth]) & (shard >= 0)
@@ -76,26 +76,30 @@ def history(split: Split, reached: Bools, until: Ints, cutoffs: int, matcher: Ma
     linked = Edges(
         prediction_track[edges.prediction[chosen]], truth_track[edges.truth[chosen]], edges.iou[chosen]
     )
-    knot = components(linked, len(prediction_track), len(truth_track))
-    plain = _one_to_one(linked, knot)
-    alone = edges.prediction[chosen[plain]]
-    simple = np.column_stack([chosen[plain], since[alone], until[alone]])
-    present = _present(pairing.truth_frame, truth_track, linked.truth[~plain])
-    frames = _links(pairing, chosen[~plain], linked[~plain], knot[~plain], since, until)
-    events = [event for knot_frames in frames for event in follow(knot_frames, present, cutoffs, matcher)]
+    component = components(linked, len(prediction_track), len(truth_track))
+    is_simple = _one_to_one(linked, component)
+    alone = edges.prediction[chosen[is_simple]]
+    simple = np.column_stack([chosen[is_simple], since[alone], until[alone]])
+    present = _present(pairing.truth_frame, truth_track, linked.truth[~is_simple])
+    frames = _links(pairing, chosen[~is_simple], linked[~is_simple], component[~is_simple], since, until)
+    events = [
+        event
+        for component_frames in frames
+        for event in follow_tracks(component_frames, present, cutoffs, matcher)
+    ]
     matches = np.concatenate([simple, _rows(events)])
-    return History(since, until, Matches(*matches.T), _slips(split, events))
+    return History(since, until, Matches(*matches.T), _mismatches(split, events))
 
 
 def _tracks(pairing: Pairing, frame: Ints, shard: Ints, object_id: Array) -> Ints:
     """Return numbers that are equal for boxes of one segment, shard and id."""
-    return numbered(pairing.sequence[frame], shard, np.unique(object_id, return_inverse=True)[1])
+    return key_numbers(pairing.sequence[frame], shard, np.unique(object_id, return_inverse=True)[1])
 
 
-def _refuse_twins(split: Split, truth_track: Ints) -> None:
+def _check_unique_ids(split: Split, truth_track: Ints) -> None:
     pairing = split.pairing
     inside = np.flatnonzero(split.truth_shard >= 0)
-    key = numbered(pairing.truth_frame[inside], truth_track[inside])
+    key = key_numbers(pairing.truth_frame[inside], truth_track[inside])
     _, first, count = np.unique(key, return_index=True, return_counts=True)
     if (count > 1).any():
         label = pairing.truth[inside[first[count > 1]]]
@@ -106,34 +110,34 @@ def _refuse_twins(split: Split, truth_track: Ints) -> None:
 
 
 def _first_used(frame: Ints, track: Ints, until: Ints) -> Ints:
-    """Return (m,) the first cut-off that uses each prediction: of two with one id, the first one."""
+    """Return (m,) the first cut-off that uses each prediction: of two with one id in a frame, the first one."""
     since = np.zeros_like(until)
-    key = numbered(frame, track)
+    key = key_numbers(frame, track)
     order = np.argsort(key, kind="stable")
-    twins = np.flatnonzero(np.diff(key[order]) == 0)
-    for before, this in zip(order[twins], order[twins + 1], strict=True):
+    repeated = np.flatnonzero(np.diff(key[order]) == 0)
+    for before, this in zip(order[repeated], order[repeated + 1], strict=True):
         since[this] = max(since[before], until[before])
     return np.minimum(since, until)
 
 
-def _one_to_one(linked: Edges, knot: Ints) -> Bools:
-    """Return (e,) whether a knot is one track of labels and one of predictions: nothing can be mistaken."""
-    pair = numbered(linked.prediction, linked.truth)
+def _one_to_one(linked: Edges, component: Ints) -> Bools:
+    """Return (e,) whether a component is one track of labels and one of predictions: nothing can be mistaken."""
+    pair = key_numbers(linked.prediction, linked.truth)
     _, first = np.unique(pair, return_index=True)
-    pairs_of_knot = np.bincount(knot[first], minlength=knot.max(initial=-1) + 1)
-    return np.asarray(pairs_of_knot[knot] == 1)
+    pairs_of_component = np.bincount(component[first], minlength=component.max(initial=-1) + 1)
+    return np.asarray(pairs_of_component[component] == 1)
 
 
 def _present(frame: Ints, track: Ints, wanted: Ints) -> set[tuple[int, int]]:
     """Return (track, frame) of all labels of the wanted tracks."""
-    mine = np.isin(track, wanted)
-    return set(zip(track[mine].tolist(), frame[mine].tolist(), strict=True))
+    chosen = np.isin(track, wanted)
+    return set(zip(track[chosen].tolist(), frame[chosen].tolist(), strict=True))
 
 
 def _links(
-    pairing: Pairing, chosen: Ints, linked: Edges, knot: Ints, since: Ints, until: Ints
+    pairing: Pairing, chosen: Ints, linked: Edges, component: Ints, since: Ints, until: Ints
 ) -> Iterator[list[list[Link]]]:
-    """Yield the links of each knot, by frame in order of time."""
+    """Yield the links of each component, by frame in order of time."""
     edges = pairing.edges[chosen]
     columns = (
         pairing.prediction_frame[edges.prediction],
@@ -145,10 +149,10 @@ def _links(
         pairing.predictions.score[edges.prediction],
         chosen,
     )
-    order = np.argsort(knot, kind="stable")
+    order = np.argsort(component, kind="stable")
     links = map(Link, *(column[order].tolist() for column in columns))
-    for _, mine in groupby(zip(knot[order].tolist(), links, strict=True), key=lambda pair: pair[0]):
-        by_frame = groupby((link for _, link in mine), key=lambda link: link.frame)
+    for _, members in groupby(zip(component[order].tolist(), links, strict=True), key=lambda pair: pair[0]):
+        by_frame = groupby((link for _, link in members), key=lambda link: link.frame)
         yield [list(group) for _, group in by_frame]
 
 
@@ -157,8 +161,8 @@ def _rows(events: list[Event]) -> Ints:
     return np.array(rows, dtype=np.int64).reshape(-1, 3)
 
 
-def _slips(split: Split, events: list[Event]) -> Ints:
+def _mismatches(split: Split, events: list[Event]) -> Ints:
     shard, truth = split.truth_shard, split.pairing.edges.truth
-    slipped = [event for event in events for _ in range(event.mismatches)]
-    rows = [(shard[truth[event.matched[0]]], event.since, event.until) for event in slipped]
+    mismatched = [event for event in events for _ in range(event.mismatches)]
+    rows = [(shard[truth[event.matched[0]]], event.since, event.until) for event in mismatched]
     return np.array(rows, dtype=np.int64).reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""Who gets whom in one frame: the official matchers, and a short cut for the few pairs that compete.
+"""Assignment of predictions to labels in one frame: the official matchers, and a quick one for few pairs.
 
 Source: waymo-open-dataset 99a4cb3, metrics/matcher.cc and metrics/hungarian.cc.
 """
@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from upvl_cli.metrics.score_order import by_score
+from upvl_cli.metrics.waymo.score_order import order_by_score
 from upvl_cli.types import Array, Floats, Ints
 
 Pair = tuple[int, int, int]  # prediction, label, weight
@@ -26,8 +26,8 @@ def weights_of(iou: Floats) -> Ints:
     return np.floor(scaled.astype(np.float64) + 0.5).astype(np.int64)
 
 
-def heaviest(pairs: Sequence[Pair]) -> tuple[list[int], list[int]]:
-    """Return which pairs make the heaviest matching, and which ones are open because another weighs as much.
+def heaviest_matching(pairs: Sequence[Pair]) -> tuple[list[int], list[int]]:
+    """Return which pairs make the matching of most weight, and all pairs where another matching weighs as much.
 
     Args:
         pairs: Pairs of positive weight; none twice.
@@ -47,29 +47,29 @@ def heaviest(pairs: Sequence[Pair]) -> tuple[list[int], list[int]]:
     for i, (p, t, w) in enumerate(pairs):
         weight[rows[p], columns[t]] = w
         number[rows[p], columns[t]] = i
-    best, total = _assigned(weight)
-    tied = any(_without(weight, cell) == total for cell in best)
+    best, total = _best_assignment(weight)
+    tied = any(_weight_without(weight, cell) == total for cell in best)
     return [number[cell] for cell in best], list(range(len(pairs))) if tied else []
 
 
-def _assigned(weight: Ints) -> tuple[list[tuple[int, int]], int]:
+def _best_assignment(weight: Ints) -> tuple[list[tuple[int, int]], int]:
     row, column = linear_sum_assignment(weight, maximize=True)
-    worth = weight[row, column]
-    used = worth > 0
-    return list(zip(row[used].tolist(), column[used].tolist(), strict=True)), int(worth.sum())
+    matched = weight[row, column]
+    used = matched > 0
+    return list(zip(row[used].tolist(), column[used].tolist(), strict=True)), int(matched.sum())
 
 
-def _without(weight: Ints, cell: tuple[int, int]) -> int:
-    """Return the most that can be had without this pair: as much as with it where the best is a tie."""
+def _weight_without(weight: Ints, cell: tuple[int, int]) -> int:
+    """Return the most weight of a matching without this pair; as much as with it where the best is a tie."""
     rest = weight.copy()
     rest[cell] = 0
-    return _assigned(rest)[1]
+    return _best_assignment(rest)[1]
 
 
 def official_hungarian(weight: Ints) -> Ints:
     """Return (p,) the column of each row, -1 for none; ties fall as in the official Kuhn-Munkres.
 
-    The table is made square with zeros. Rows are served from first to last: a tree of tight edges grows
+    The table is made square with zeros. Rows are matched from first to last: a tree of tight edges grows
     from the row, breadth first and by ascending column, until it meets a free column; labels move when no
     tight edge leaves the tree.
 
@@ -92,7 +92,7 @@ def official_hungarian(weight: Ints) -> Ints:
 def _tree(
     weight: Ints, label_row: Ints, label_column: Ints, row_of: Ints, root: int
 ) -> tuple[dict[int, int], int]:
-    """Return the row before each column of the tree, and the free column that it met; moves the labels."""
+    """Return the row before each column of the tree, and the free column that it met; changes the labels in place."""
     rows, parent = [root], dict[int, int]()
     reached = _tight(weight, label_row, label_column, rows)
     while True:
@@ -126,18 +126,18 @@ def _relabel(weight: Ints, label_row: Ints, label_column: Ints, rows: list[int],
     label_column[taken] += step
 
 
-def score_first(matchable: Array, weight: Ints, score: Floats) -> Ints:
-    """Return (p,) the label of each prediction, -1 for none: by descending score, the best free one.
+def official_score_first(matchable: Array, weight: Ints, score: Floats) -> Ints:
+    """Return (p,) the label of each prediction, -1 for none: greedily by descending score, the best free one.
 
     Args:
-        matchable: (p, t), whether a pair reaches the threshold.
+        matchable: (p, t) whether a pair reaches the threshold.
         weight: (p, t) what the matcher compares. The official one looks it up under the wrong numbers
             (matcher.cc:283), so that it can belong to other boxes than the pair.
         score: (p,) confidence.
     """
     label_of = np.full(len(score), -1)
     free = np.ones(matchable.shape[1], dtype=np.bool_)
-    for p in by_score(score):
+    for p in order_by_score(score):
         candidates = np.flatnonzero(free & matchable[p])
         if len(candidates):
             label_of[p] = candidates[np.argmax(weight[p, candidates])]
@@ -145,8 +145,8 @@ def score_first(matchable: Array, weight: Ints, score: Floats) -> Ints:
     return label_of
 
 
-def ranked_first(pairs: Sequence[Pair], score: Sequence[float]) -> list[int]:
-    """Return which pairs are taken where each prediction, by descending score, takes its heaviest free label.
+def match_by_score(pairs: Sequence[Pair], score: Sequence[float]) -> list[int]:
+    """Return which pairs a greedy matching takes: each prediction, by descending score, its heaviest free label.
 
     Args:
         pairs: Pairs that reach the threshold.

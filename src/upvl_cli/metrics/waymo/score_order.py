@@ -1,4 +1,4 @@
-"""The order in which the official tool serves predictions by score, where scores are equal.
+"""The order of predictions by score, with equal scores in the order of the official tool.
 
 It sorts with std::sort, which is not stable. The GNU C++ library (bits/stl_algo.h) splits ranges of more
 than 16 about the median of three and ends with an insertion sort; the same splits give the same order.
@@ -13,7 +13,7 @@ from upvl_cli.types import Floats, Ints
 _SMALL = 16
 
 
-def by_score(score: Floats) -> Ints:
+def order_by_score(score: Floats) -> Ints:
     """Return (n,) numbers of the predictions by descending score.
 
     Args:
@@ -32,7 +32,7 @@ def by_score(score: Floats) -> Ints:
 def _split(order: list[int], score: list[float], first: int, last: int) -> int:
     """Part a range about a pivot, in place, and return where the second part begins."""
     ends = [first + 1, (first + last) // 2, last - 1]
-    _swap(order, first, _median(ends, [score[order[i]] for i in ends]))
+    _swap(order, first, _median_place(ends, [score[order[i]] for i in ends]))
     pivot = score[order[first]]
     low, high = first + 1, last - 1
     while True:
@@ -46,7 +46,7 @@ def _split(order: list[int], score: list[float], first: int, last: int) -> int:
         low, high = low + 1, high - 1
 
 
-def _median(places: list[int], score: list[float]) -> int:
+def _median_place(places: list[int], score: list[float]) -> int:
     """Return the place of the middle score; which of equal ones is the library's choice."""
     (a, b, c), (x, y, z) = places, score
     if x > y:

@@ -2,7 +2,7 @@
 
 Source: waymo-open-dataset 99a4cb3, metrics/detection_metrics.cc. Matching uses all labels, whatever the
 level; a level only decides which unmatched labels count as missed. The tool's rule for levels and for
-labels without points is the caller's: `inputs.resolved_level`.
+labels without points is the caller's: `inputs.resolve_level`.
 """
 
 from __future__ import annotations
@@ -12,17 +12,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from upvl_cli.metrics.average_precision import average_precision
-from upvl_cli.metrics.breakdown import Breakdown
-from upvl_cli.metrics.heading import heading_accuracy
-from upvl_cli.metrics.inputs import Predictions, Truth
-from upvl_cli.metrics.matching import Contest, Matches
-from upvl_cli.metrics.official import LEVELS, TYPES, Matcher
-from upvl_cli.metrics.pairing import Pairing, can_match, paired
-from upvl_cli.metrics.tally import checked_thresholds, kept_until, missed, numbered, spans
+from upvl_cli.metrics.waymo.average_precision import average_precision
+from upvl_cli.metrics.waymo.breakdown import Breakdown
+from upvl_cli.metrics.waymo.heading import heading_accuracy
+from upvl_cli.metrics.waymo.inputs import Predictions, Truth
+from upvl_cli.metrics.waymo.matching import Matches, MatchingProblem
+from upvl_cli.metrics.waymo.official import LEVELS, NEAR_IOU, TYPES, Matcher
+from upvl_cli.metrics.waymo.pairing import Pairing, can_match, pair_frames
+from upvl_cli.metrics.waymo.tally import (
+    check_thresholds,
+    count_missed,
+    count_spans,
+    cutoffs_kept,
+    key_numbers,
+)
 from upvl_cli.types import Array, Bools, Floats, Ints
-
-_NEAR_IOU = 0.01  # a false positive this close to a label of another speed is that speed's
 
 
 @dataclass(frozen=True)
@@ -58,7 +62,7 @@ class DetectionResult:
 
 @dataclass(frozen=True)
 class BoxMatches:
-    """What became of each box at one cut-off.
+    """The match of each box at one cut-off.
 
     Attributes:
         truth: (m,) the label each prediction is matched with, -1 for none; -2 where the cut-off drops it.
@@ -95,7 +99,7 @@ def detection(
     Args:
         truth: Labels; level as resolved.
         predictions: Boxes of any frames, also such as have no label.
-        iou_thresholds: Least IoU of a match by type, type 0 first.
+        iou_thresholds: Minimum IoU of a match by type, type 0 first.
         breakdowns: Ways to split the boxes.
         score_cutoffs: (c,) ascending.
         matcher: Official rule of matching; the tools use "hungarian".
@@ -103,12 +107,12 @@ def detection(
     Raises:
         BadInput: A box or a setting is unusable.
     """
-    pairing = paired(truth, predictions)
-    reached = can_match(pairing, checked_thresholds(iou_thresholds))
-    until = kept_until(pairing.predictions, score_cutoffs)
+    pairing = pair_frames(truth, predictions)
+    reached = can_match(pairing, check_thresholds(iou_thresholds))
+    until = cutoffs_kept(pairing.predictions, score_cutoffs)
     results = []
     for breakdown in breakdowns:
-        counts = _counted(pairing, reached, until, breakdown, len(score_cutoffs), matcher)
+        counts = _count(pairing, reached, until, breakdown, len(score_cutoffs), matcher)
         for shard, name in enumerate(breakdown.shards):
             results += [_result(f"{name}_LEVEL_{level}", level, shard, counts) for level in LEVELS]
     return results
@@ -127,19 +131,19 @@ def match_boxes(
     Args:
         truth: Labels.
         predictions: Boxes.
-        iou_thresholds: Least IoU of a match by type, type 0 first.
+        iou_thresholds: Minimum IoU of a match by type, type 0 first.
         score_cutoff: Predictions below are left out.
         matcher: Official rule of matching.
 
     Raises:
         BadInput: A box or a setting is unusable.
     """
-    pairing = paired(truth, predictions)
-    reached = can_match(pairing, checked_thresholds(iou_thresholds))
-    until = kept_until(pairing.predictions, np.array([score_cutoff]))
+    pairing = pair_frames(truth, predictions)
+    reached = can_match(pairing, check_thresholds(iou_thresholds))
+    until = cutoffs_kept(pairing.predictions, np.array([score_cutoff]))
     groups = pairing.truth.type - 1, pairing.predictions.type - 1
     each = np.arange(len(pairing.edges))
-    matches = Contest(pairing, reached, *groups, until, each, matcher).matches()
+    matches = MatchingProblem(pairing, reached, *groups, until, each, matcher).matches()
     edges = pairing.edges[matches.edge]
     row, label = pairing.prediction_row[edges.prediction], pairing.truth_row[edges.truth]
     of_prediction, of_truth = np.full(len(predictions), -1), np.full(len(truth), -1)
@@ -150,34 +154,34 @@ def match_boxes(
     return BoxMatches(of_prediction, of_truth, iou)
 
 
-def _counted(
+def _count(
     pairing: Pairing, reached: Bools, until: Ints, breakdown: Breakdown, cutoffs: int, matcher: Matcher
 ) -> _Counts:
     """Return the counts of all shards of one breakdown."""
     truth, predictions, shape = pairing.truth, pairing.predictions, (len(breakdown.shards), cutoffs)
     shard = breakdown.shard_of(truth)
     if breakdown.types_apart:
-        homes = _homes(pairing, shard, len(breakdown.shards) // len(TYPES[1:]))
+        false_shards = _false_shards(pairing, shard, len(breakdown.shards) // len(TYPES[1:]))
         groups = truth.type - 1, predictions.type - 1
     else:
-        homes = [breakdown.shard_of(predictions)]
-        groups = shard, homes[0]
+        false_shards = [breakdown.shard_of(predictions)]
+        groups = shard, false_shards[0]
     accuracy = heading_accuracy(
-        predictions.seven[pairing.edges.prediction, 6], truth.seven[pairing.edges.truth, 6]
+        predictions.heading_rad[pairing.edges.prediction], truth.heading_rad[pairing.edges.truth]
     )
     kind = _kinds(pairing, shard, accuracy)
-    matches = Contest(pairing, reached, *groups, until, kind, matcher).matches()
+    matches = MatchingProblem(pairing, reached, *groups, until, kind, matcher).matches()
     edges = pairing.edges[matches.edge]
     hit = shard[edges.truth]
     fp = np.zeros(shape, dtype=np.int64)
-    for home in homes:
-        at = np.where(predictions.unlabelled, -1, home)
-        fp += spans(at, np.zeros_like(until), until, shape)
-        fp -= spans(at[edges.prediction], matches.since, matches.until, shape)
+    for shard_if_false in false_shards:
+        at = np.where(predictions.unlabelled, -1, shard_if_false)
+        fp += count_spans(at, np.zeros_like(until), until, shape)
+        fp -= count_spans(at[edges.prediction], matches.since, matches.until, shape)
     return _Counts(
-        spans(hit, matches.since, matches.until, shape),
+        count_spans(hit, matches.since, matches.until, shape),
         fp,
-        {level: missed(truth, shard, edges, matches, level, shape) for level in LEVELS},
+        {level: count_missed(truth, shard, edges, matches, level, shape) for level in LEVELS},
         _sum_ha(pairing, matches, hit, accuracy[matches.edge], shape),
     )
 
@@ -186,25 +190,27 @@ def _kinds(pairing: Pairing, shard: Ints, accuracy: Floats) -> Ints:
     """Return (e,) equal numbers for overlaps that count alike if they are matched."""
     edges = pairing.edges
     unlabelled = pairing.predictions.unlabelled[edges.prediction].astype(np.int64)
-    return numbered(accuracy.view(np.int32), unlabelled, pairing.truth.level[edges.truth], shard[edges.truth])
+    return key_numbers(
+        accuracy.view(np.int32), unlabelled, pairing.truth.level[edges.truth], shard[edges.truth]
+    )
 
 
-def _homes(pairing: Pairing, shard: Ints, parts: int) -> list[Ints]:
+def _false_shards(pairing: Pairing, shard: Ints, parts: int) -> list[Ints]:
     """Return the shards in which each prediction is false if it has no match, as `parts` arrays of (m,).
 
     A prediction that touches labels belongs to the shard of the label it touches most, the last one of
     equals; any other one belongs to all shards of its type.
     """
-    near = pairing.edges[pairing.edges.iou >= np.float64(_NEAR_IOU)]
+    near = pairing.edges[pairing.edges.iou >= np.float64(NEAR_IOU)]
     near = near[np.lexsort((near.truth, near.iou, near.prediction))]
     nearest = np.full(len(pairing.predictions), -1)
     nearest[near.prediction] = near.truth
     of_nearest = np.append(shard, -1)[nearest]
-    homes = []
+    false_shards = []
     for part in range(parts):
         mine = np.where(pairing.predictions.type > 0, parts * (pairing.predictions.type - 1) + part, -1)
-        homes.append(np.where((nearest < 0) | (of_nearest == mine), mine, -1))
-    return homes
+        false_shards.append(np.where((nearest < 0) | (of_nearest == mine), mine, -1))
+    return false_shards
 
 
 def _sum_ha(

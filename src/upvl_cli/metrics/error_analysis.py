@@ -1,4 +1,4 @@
-"""What goes wrong: why false positives are false, and which labels are missed.
+"""Analysis of errors: why false positives are false, and which labels are missed.
 
 The split of the false positives is that of Hoiem et al., Diagnosing Error in Object Detectors, ECCV 2012,
 with the numbers of Najibi et al., Unsupervised 3D Perception with 2D Vision-Language Distillation for
@@ -16,14 +16,14 @@ from enum import IntEnum
 import numpy as np
 
 from upvl_cli.errors import BadInput
-from upvl_cli.metrics.inputs import Predictions, Truth, relabelled
-from upvl_cli.metrics.official import TYPES
-from upvl_cli.metrics.pairing import paired
+from upvl_cli.metrics.waymo.inputs import Predictions, Truth, map_types
+from upvl_cli.metrics.waymo.official import TYPES
+from upvl_cli.metrics.waymo.pairing import pair_frames
 from upvl_cli.types import Array, Bools, Ints
 
 
 class Outcome(IntEnum):
-    """What a prediction is."""
+    """Kind of a prediction, after Hoiem et al."""
 
     RIGHT = 0
     LOCALISATION = 1
@@ -33,7 +33,7 @@ class Outcome(IntEnum):
 
 @dataclass(frozen=True)
 class TopOutcomes:
-    """What the best-scored predictions of a type are.
+    """Kinds of the best-scored predictions of a type.
 
     Attributes:
         type: Their type: VEHICLE 1, PEDESTRIAN 2, SIGN 3, CYCLIST 4.
@@ -53,11 +53,11 @@ class TopOutcomes:
 
 
 @dataclass(frozen=True)
-class Misses:
-    """Labels of one kind, and how many of them are missed.
+class MissedLabels:
+    """Number of labels of one group, and how many of them are missed.
 
     Attributes:
-        split: "points", "range" or "view".
+        split: "points", "range", "view" or "speed".
         group: Which labels, for example "[30, 50) m".
         labels: How many there are.
         missed: How many of them no prediction is matched with.
@@ -69,26 +69,30 @@ class Misses:
     missed: int
 
 
-def outcomes(truth: Truth, predictions: Predictions, matched: Bools, *, least_iou: float) -> Ints:
+def classify_predictions(
+    truth: Truth, predictions: Predictions, matched: Bools, *, min_overlap_iou: float
+) -> Ints:
     """Return (m,) the `Outcome` of each prediction.
 
     Args:
         truth: All labels, also those of other types.
         predictions: Boxes of the same segments.
         matched: (m,) whether a label is matched with each prediction, at the IoU that makes a box right.
-        least_iou: Up to this 3D IoU an overlap is none.
+        min_overlap_iou: A 3D IoU up to this is no overlap.
     """
     same, other = _best_iou(truth, predictions)
     false = np.select(
-        [same > least_iou, other > least_iou], [Outcome.LOCALISATION, Outcome.OTHER_CLASS], Outcome.BACKGROUND
+        [same > min_overlap_iou, other > min_overlap_iou],
+        [Outcome.LOCALISATION, Outcome.OTHER_CLASS],
+        Outcome.BACKGROUND,
     )
     return np.where(matched, Outcome.RIGHT, false).astype(np.int64)
 
 
-def top_outcomes(
+def count_top_outcomes(
     truth: Truth, predictions: Predictions, outcome: Ints, *, top_share: float
 ) -> list[TopOutcomes]:
-    """Return what the best predictions are, for each type that has a label or a prediction.
+    """Return the kinds of the best predictions, for each type that has a label or a prediction.
 
     Where labels are incomplete (`unlabelled`) a prediction without a match is not looked at. Equal scores
     keep the order of the predictions.
@@ -103,15 +107,17 @@ def top_outcomes(
     result = []
     for number in range(1, len(TYPES)):
         labels = int((truth.type == number).sum())
-        mine = np.flatnonzero((predictions.type == number) & judged)
-        best = mine[np.argsort(-predictions.score[mine], kind="stable")][: math.ceil(top_share * labels)]
-        if labels or len(mine):
+        of_type = np.flatnonzero((predictions.type == number) & judged)
+        best = of_type[np.argsort(-predictions.score[of_type], kind="stable")][
+            : math.ceil(top_share * labels)
+        ]
+        if labels or len(of_type):
             counts = np.bincount(outcome[best], minlength=len(Outcome)).tolist()
             result.append(TopOutcomes(number, labels, *counts))
     return result
 
 
-def misses(
+def count_missed_labels(
     found: Bools,
     *,
     points: Array,
@@ -119,7 +125,7 @@ def misses(
     in_view: Array,
     point_edges: Sequence[int],
     range_edges_m: Sequence[float],
-) -> list[Misses]:
+) -> list[MissedLabels]:
     """Return how many labels are missed, split by points, by range and by view; empty groups too.
 
     Args:
@@ -140,26 +146,28 @@ def misses(
         raise BadInput(f"labels to split have arrays of different lengths: {sorted(lengths)}")
     known = np.where(points < 0, np.nan, points)
     return [
-        *_split("points", known, point_edges, "points", found),
-        *_split("range", range_m, range_edges_m, "m", found),
-        Misses("view", "in view", int(in_view.sum()), int((in_view & ~found).sum())),
-        Misses("view", "out of view", int((~in_view).sum()), int((~in_view & ~found).sum())),
+        *_missed_by_edges("points", known, point_edges, "points", found),
+        *_missed_by_edges("range", range_m, range_edges_m, "m", found),
+        MissedLabels("view", "in view", int(in_view.sum()), int((in_view & ~found).sum())),
+        MissedLabels("view", "out of view", int((~in_view).sum()), int((~in_view & ~found).sum())),
     ]
 
 
 def _best_iou(truth: Truth, predictions: Predictions) -> tuple[Array, Array]:
-    """Return (m,) the largest IoU with a label of the own type, and with one of another type."""
+    """Return (m,) the largest IoU with a label of the same type, and with one of another type."""
     all_one = dict.fromkeys(range(len(TYPES)), 1)
-    pairing = paired(relabelled(truth, all_one), relabelled(predictions, all_one))
+    pairing = pair_frames(map_types(truth, all_one), map_types(predictions, all_one))
     row = pairing.prediction_row[pairing.edges.prediction]
-    alike = predictions.type[row] == truth.type[pairing.truth_row[pairing.edges.truth]]
+    same_type = predictions.type[row] == truth.type[pairing.truth_row[pairing.edges.truth]]
     same, other = np.zeros(len(predictions)), np.zeros(len(predictions))
-    np.maximum.at(same, row[alike], pairing.edges.iou[alike])
-    np.maximum.at(other, row[~alike], pairing.edges.iou[~alike])
+    np.maximum.at(same, row[same_type], pairing.edges.iou[same_type])
+    np.maximum.at(other, row[~same_type], pairing.edges.iou[~same_type])
     return same, other
 
 
-def _split(name: str, values: Array, edges: Sequence[float], unit: str, found: Bools) -> list[Misses]:
+def _missed_by_edges(
+    name: str, values: Array, edges: Sequence[float], unit: str, found: Bools
+) -> list[MissedLabels]:
     """Return a group below the edges, one between each two, one above, and one for NaN if there is any."""
     if not len(edges) or not (np.diff(edges) > 0).all():
         raise BadInput(f"edges of {name} must ascend, at least one of them; got {list(edges)}")
@@ -169,4 +177,4 @@ def _split(name: str, values: Array, edges: Sequence[float], unit: str, found: B
     between = [f"[{low:g}, {high:g}) {unit}" for low, high in zip(edges, edges[1:], strict=False)]
     names = [f"below {edges[0]:g} {unit}", *between, f"from {edges[-1]:g} {unit}", "unknown"]
     rows = zip(names, labels.tolist(), missed.tolist(), strict=True)
-    return [Misses(name, which, n, m) for which, n, m in rows if which != "unknown" or n]
+    return [MissedLabels(name, *row) for row in rows if row[0] != "unknown" or row[1]]

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from upvl_cli.metrics.inputs import Predictions, Truth, speed_mps
-from upvl_cli.metrics.official import TYPES
+from upvl_cli.metrics.waymo.inputs import Predictions, Truth, speed_mps
+from upvl_cli.metrics.waymo.official import TYPES
 from upvl_cli.types import Bools, Ints
 
-Boxes = Truth | Predictions
+ScoredBoxes = Truth | Predictions
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Breakdown:
     Attributes:
         name: Name of the way, as the official configuration has it.
         shards: Name of each shard.
-        shard_of: Gives (n,) the shard of each box, -1 for none.
+        shard_of: Returns (n,) the shard of each box, -1 for none.
         by_speed: Whether the shard depends on the velocity.
         types_apart: Detection asks the labels alone for their shard: all boxes of a type are matched
             together, and a prediction belongs where its label does (the official VELOCITY).
@@ -32,7 +32,7 @@ class Breakdown:
 
     name: str
     shards: tuple[str, ...]
-    shard_of: Callable[[Boxes], Ints]
+    shard_of: Callable[[ScoredBoxes], Ints]
     by_speed: bool = False
     types_apart: bool = False
 
@@ -42,36 +42,36 @@ def _types(prefix: str, *parts: str) -> tuple[str, ...]:
     return tuple(f"{prefix}_{kind}_{part}".removesuffix("_") for kind in TYPES[1:] for part in parts)
 
 
-def _of_type(boxes: Boxes, part: Ints, parts: int) -> Ints:
+def _shard_of_type(boxes: ScoredBoxes, part: Ints, parts: int) -> Ints:
     """Return shard numbers that count the parts of each type in turn; none for an unknown type."""
     return np.where(boxes.type > 0, parts * (boxes.type - 1) + part, -1)
 
 
-def _by_type(boxes: Boxes) -> Ints:
+def _by_type(boxes: ScoredBoxes) -> Ints:
     return np.asarray(boxes.type - 1)
 
 
-def _by_range(boxes: Boxes) -> Ints:
-    x, y, z = boxes.seven[:, :3].T
+def _by_range(boxes: ScoredBoxes) -> Ints:
+    x, y, z = boxes.center_m.T
     with np.errstate(over="ignore"):  # an infinite range is far
         range_m = np.sqrt(x * x + y * y + z * z)
-    return _of_type(boxes, np.digitize(range_m, (30.0, 50.0)), 3)
+    return _shard_of_type(boxes, np.digitize(range_m, (30.0, 50.0)), 3)
 
 
-def _by_size(boxes: Boxes) -> Ints:
-    return _of_type(boxes, np.digitize(boxes.seven[:, 3:6].max(axis=1), (7.0,)), 2)
+def _by_size(boxes: ScoredBoxes) -> Ints:
+    return _shard_of_type(boxes, np.digitize(boxes.size_lwh_m.max(axis=1), (7.0,)), 2)
 
 
-def _by_velocity(boxes: Boxes) -> Ints:
+def _by_velocity(boxes: ScoredBoxes) -> Ints:
     bounds = np.array([0.2, 1.0, 3.0, 10.0], dtype=np.float32)
-    return _of_type(boxes, np.digitize(speed_mps(boxes.velocity_mps), bounds), 5)
+    return _shard_of_type(boxes, np.digitize(speed_mps(boxes.velocity_mps), bounds), 5)
 
 
-def _by_sign(boxes: Boxes) -> Ints:
+def _by_sign(boxes: ScoredBoxes) -> Ints:
     return np.where(boxes.type == TYPES.index("TYPE_SIGN"), 1, 0)
 
 
-def _all(boxes: Boxes) -> Ints:
+def _all(boxes: ScoredBoxes) -> Ints:
     return np.zeros(len(boxes), dtype=np.int64)
 
 
@@ -91,16 +91,16 @@ ONE_SHARD = Breakdown("ONE_SHARD", ("ONE_SHARD",), _all)
 BREAKDOWNS = {b.name: b for b in (OBJECT_TYPE, RANGE, SIZE, VELOCITY, ALL_BUT_SIGN, ONE_SHARD)}
 
 
-def moving(*, min_speed_mps: float) -> Breakdown:
-    """Return the split that scores moving objects only, by the rule of the official VELOCITY.
+def moving_objects(*, min_speed_mps: float) -> Breakdown:
+    """Return the breakdown that scores moving objects only, by the rule of the official VELOCITY.
 
     Args:
         min_speed_mps: A label at least this fast is moving; the official shards begin at 0.2 and 1.0.
     """
-    least = float(np.float32(min_speed_mps))
+    bound_mps = float(np.float32(min_speed_mps))
 
-    def shard_of(boxes: Boxes) -> Ints:
-        fast: Bools = speed_mps(boxes.velocity_mps) >= least
-        return np.where(fast, boxes.type - 1, -1)
+    def shard_of(boxes: ScoredBoxes) -> Ints:
+        is_moving: Bools = speed_mps(boxes.velocity_mps) >= bound_mps
+        return np.where(is_moving, boxes.type - 1, -1)
 
     return Breakdown("MOVING", _types("MOVING", ""), shard_of, by_speed=True, types_apart=True)

@@ -12,13 +12,13 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from upvl_cli.metrics.breakdown import Breakdown
-from upvl_cli.metrics.inputs import Predictions, Truth
-from upvl_cli.metrics.official import LEVELS, Matcher
-from upvl_cli.metrics.pairing import can_match, paired
-from upvl_cli.metrics.speeds import with_speeds
-from upvl_cli.metrics.tally import checked_thresholds, kept_until, missed, spans, weighted_spans
-from upvl_cli.metrics.tracks import History, Split, history
+from upvl_cli.metrics.waymo.breakdown import Breakdown
+from upvl_cli.metrics.waymo.inputs import Predictions, Truth
+from upvl_cli.metrics.waymo.official import LEVELS, Matcher
+from upvl_cli.metrics.waymo.pairing import can_match, pair_frames
+from upvl_cli.metrics.waymo.speeds import estimate_speeds
+from upvl_cli.metrics.waymo.tally import check_thresholds, count_missed, count_spans, cutoffs_kept, sum_spans
+from upvl_cli.metrics.waymo.tracks import History, Split, history
 from upvl_cli.types import Array, Floats, Ints
 
 
@@ -86,7 +86,7 @@ def tracking(
     Args:
         truth: Labels; level as stored.
         predictions: Tracked boxes; of two with the same id in one frame and shard, the first one counts.
-        iou_thresholds: Least IoU of a match by type, type 0 first.
+        iou_thresholds: Minimum IoU of a match by type, type 0 first.
         breakdowns: Ways to split the boxes; by speed, a prediction's own one counts.
         score_cutoffs: (c,) ascending.
         matcher: Official rule of matching; the tools use "hungarian".
@@ -94,42 +94,42 @@ def tracking(
     Raises:
         BadInput: A box or a setting is unusable, or a label stands twice in a frame.
     """
-    pairing = paired(truth, predictions)
+    pairing = pair_frames(truth, predictions)
     if any(breakdown.by_speed for breakdown in breakdowns):
-        pairing = replace(pairing, predictions=with_speeds(pairing))
-    reached = can_match(pairing, checked_thresholds(iou_thresholds))
-    until = kept_until(pairing.predictions, score_cutoffs)
+        pairing = replace(pairing, predictions=estimate_speeds(pairing))
+    reached = can_match(pairing, check_thresholds(iou_thresholds))
+    until = cutoffs_kept(pairing.predictions, score_cutoffs)
     results = []
     for breakdown in breakdowns:
         split = Split(pairing, breakdown.shard_of(pairing.truth), breakdown.shard_of(pairing.predictions))
-        past = history(split, reached, until, len(score_cutoffs), matcher)
+        events = history(split, reached, until, len(score_cutoffs), matcher)
         shape = len(breakdown.shards), len(score_cutoffs)
-        counts = {level: _counted(split, past, level, shape) for level in LEVELS}
+        counts = {level: _count(split, events, level, shape) for level in LEVELS}
         for shard, name in enumerate(breakdown.shards):
             for level in LEVELS:
-                mine = _of_shard(counts[level], shard)
-                results.append(_best(f"{name}_LEVEL_{level}", level, score_cutoffs, mine))
+                of_shard = _of_shard(counts[level], shard)
+                results.append(_best(f"{name}_LEVEL_{level}", level, score_cutoffs, of_shard))
     return results
 
 
-def _counted(split: Split, past: History, level: int, shape: tuple[int, int]) -> TrackingCounts:
+def _count(split: Split, events: History, level: int, shape: tuple[int, int]) -> TrackingCounts:
     """Return (s, c) counts of all shards."""
-    pairing, matches = split.pairing, past.matches
-    edges, held = pairing.edges[matches.edge], (matches.since, matches.until)
-    hit = split.truth_shard[edges.truth]
-    match = spans(hit, *held, shape)
-    cost = weighted_spans(hit, *held, 1 - edges.iou.astype(np.float64), shape)
+    pairing, matches = split.pairing, events.matches
+    edges, kept = pairing.edges[matches.edge], (matches.since, matches.until)
+    matched_shard = split.truth_shard[edges.truth]
+    match = count_spans(matched_shard, *kept, shape)
+    cost = sum_spans(matched_shard, *kept, 1 - edges.iou.astype(np.float64), shape)
     counted = np.where(pairing.predictions.unlabelled, -1, split.prediction_shard)
-    used = spans(counted, past.since, past.until, shape)
-    miss = missed(pairing.truth, split.truth_shard, edges, matches, level, shape)
-    shard, since, until = past.slips.T
+    used = count_spans(counted, events.since, events.until, shape)
+    miss = count_missed(pairing.truth, split.truth_shard, edges, matches, level, shape)
+    shard, since, until = events.mismatches.T
     return TrackingCounts(
         miss=miss,
-        false_positive=used - spans(counted[edges.prediction], *held, shape),
-        mismatch=spans(shard, since, until, shape),
+        false_positive=used - count_spans(counted[edges.prediction], *kept, shape),
+        mismatch=count_spans(shard, since, until, shape),
         match=match,
         truth=miss + match,
-        cost=np.where(match > 0, np.maximum(cost, 0), 0),  # no crumbs of rounding where nothing matches
+        cost=np.where(match > 0, np.maximum(cost, 0), 0),  # where nothing matches, no rest of rounding
     )
 
 
@@ -138,12 +138,13 @@ def _of_shard(counts: TrackingCounts, shard: int) -> TrackingCounts:
 
 
 def _best(name: str, level: int, score_cutoffs: Array, counts: TrackingCounts) -> TrackingResult:
-    """Return the result at the best cut-off; float32 steps as officially."""
-    some = np.maximum(counts.truth, 1).astype(np.float32)
-    miss, false, slip = (
-        part.astype(np.float32) / some for part in (counts.miss, counts.false_positive, counts.mismatch)
+    """Return the result at the cut-off of the highest MOTA, in the float32 steps of the official tool."""
+    labels_or_1 = np.maximum(counts.truth, 1).astype(np.float32)
+    miss, false, mismatch = (
+        part.astype(np.float32) / labels_or_1
+        for part in (counts.miss, counts.false_positive, counts.mismatch)
     )
-    mota = (1 - (miss + false + slip).astype(np.float64)).astype(np.float32)
+    mota = (1 - (miss + false + mismatch).astype(np.float64)).astype(np.float32)
     mota[counts.truth == 0] = 0
     labels = int(counts.truth[np.flatnonzero(counts.truth)[-1:]].sum())
     at = int(mota.argmax())
@@ -152,5 +153,5 @@ def _best(name: str, level: int, score_cutoffs: Array, counts: TrackingCounts) -
     motp = np.float32(counts.cost[at] / max(int(counts.match[at]), 1))
     cutoff = np.float32(score_cutoffs[at])
     mota_motp = float(mota[at]), float(motp)
-    shares = float(miss[at]), float(false[at]), float(slip[at])
+    shares = float(miss[at]), float(false[at]), float(mismatch[at])
     return TrackingResult(name, level, *mota_motp, *shares, float(cutoff), labels, counts)

@@ -1,8 +1,8 @@
-"""The mapping procedure of CLEAR-MOT, at every score cut-off at once.
+"""The mapping procedure of CLEAR-MOT at every score cut-off at once (Bernardin and Stiefelhagen, 2008).
 
 Source: waymo-open-dataset 99a4cb3, metrics/mot.cc. Tracks that share no overlap never touch each other, so
-each knot of linked tracks is followed on its own. A cut-off only removes boxes, and neighbouring cut-offs
-mostly tell the same story: those that do are carried together, as a run.
+each connected component of tracks is followed on its own. A cut-off only removes boxes, and neighbouring cut-offs
+mostly have the same history: those that do are followed together, as a run.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
-from upvl_cli.metrics.assignment import heaviest, ranked_first
-from upvl_cli.metrics.official import Matcher
+from upvl_cli.metrics.waymo.assignment import heaviest_matching, match_by_score
+from upvl_cli.metrics.waymo.official import Matcher
 
 Owners = dict[int, int]  # prediction's track by label's track: the official M
 
@@ -33,7 +33,7 @@ class Link(NamedTuple):
 
 @dataclass(frozen=True)
 class Run:
-    """Cut-offs `since` to `until` - 1, which have seen the same so far."""
+    """Cut-offs `since` to `until` - 1, which have the same history so far."""
 
     since: int
     until: int
@@ -50,10 +50,10 @@ class Event:
     mismatches: int
 
 
-def follow(
+def follow_tracks(
     frames: Sequence[list[Link]], present: set[tuple[int, int]], cutoffs: int, matcher: Matcher
 ) -> Iterator[Event]:
-    """Yield what happens to one knot of tracks, frame by frame.
+    """Yield the matches and mismatches of one connected component of tracks, frame by frame.
 
     Args:
         frames: The links of each frame that has any, in order of time.
@@ -82,29 +82,29 @@ def follow(
 def _step(
     owners: Owners, links: list[Link], present: set[tuple[int, int]], since: int, until: int, matcher: Matcher
 ) -> tuple[Owners, Event]:
-    """Return M after one frame, and what happened: carry over, match the rest, count mismatches."""
+    """Return M after one frame, and its event: keep matches of before, match the rest, count mismatches."""
     carried = [link for link in links if owners.get(link.truth) == link.prediction]
     truths, predictions = {link.truth for link in carried}, {link.prediction for link in carried}
     rest = [link for link in links if link.truth not in truths and link.prediction not in predictions]
     if not rest:  # nearly always
         return owners, Event(since, until, [link.edge for link in carried], 0)
-    fresh = _matched(rest, matcher)
+    fresh = _match(rest, matcher)
     now = {link.truth for link in fresh}
     before = {prediction: truth for truth, prediction in owners.items()}
     after, mismatches = dict(owners), 0
     for link in fresh:
         mismatches += link.truth in owners  # a carried pair is not fresh, so it was another prediction
-        loser = before.get(link.prediction)
-        if loser is not None and loser not in now:
+        previous = before.get(link.prediction)
+        if previous is not None and previous not in now:
             # A label that is there but unmatched is a miss, and not counted twice.
-            mismatches += (loser, link.frame) not in present
-            del after[loser]
+            mismatches += (previous, link.frame) not in present
+            del after[previous]
     after.update((link.truth, link.prediction) for link in fresh)
     return after, Event(since, until, [link.edge for link in carried + fresh], mismatches)
 
 
-def _matched(links: list[Link], matcher: Matcher) -> list[Link]:
+def _match(links: list[Link], matcher: Matcher) -> list[Link]:
     pairs = [(link.prediction, link.truth, link.weight) for link in links]
     if matcher == "score_first":
-        return [links[i] for i in ranked_first(pairs, [link.score for link in links])]
-    return [links[i] for i in heaviest(pairs)[0]]
+        return [links[i] for i in match_by_score(pairs, [link.score for link in links])]
+    return [links[i] for i in heaviest_matching(pairs)[0]]

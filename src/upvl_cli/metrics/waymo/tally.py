@@ -1,4 +1,4 @@
-"""Counting over cut-offs: things that hold from one cut-off to another, added up by shard."""
+"""Counts at every score cut-off of what holds from one cut-off to another, added up by shard."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from upvl_cli.errors import BadInput
-from upvl_cli.metrics.inputs import Predictions, Truth
-from upvl_cli.metrics.matching import Matches
-from upvl_cli.metrics.pairing import Edges
+from upvl_cli.metrics.waymo.inputs import Predictions, Truth
+from upvl_cli.metrics.waymo.matching import Matches
+from upvl_cli.metrics.waymo.pairing import Edges
 from upvl_cli.types import Array, Floats, Ints
 
 
-def spans(shard: Ints, since: Ints, until: Ints, shape: tuple[int, int]) -> Ints:
-    """Return (s, c), how many of these things hold in each shard at each cut-off.
+def count_spans(shard: Ints, since: Ints, until: Ints, shape: tuple[int, int]) -> Ints:
+    """Return (s, c) how many of these things hold in each shard at each cut-off.
 
     Args:
         shard: (k,) shard of each thing, -1 for none.
@@ -22,11 +22,11 @@ def spans(shard: Ints, since: Ints, until: Ints, shape: tuple[int, int]) -> Ints
         until: (k,) first cut-off at which it does not hold any more.
         shape: Number of shards and of cut-offs.
     """
-    return weighted_spans(shard, since, until, np.ones(len(shard)), shape).astype(np.int64)
+    return sum_spans(shard, since, until, np.ones(len(shard)), shape).astype(np.int64)
 
 
-def weighted_spans(shard: Ints, since: Ints, until: Ints, weight: Floats, shape: tuple[int, int]) -> Floats:
-    """Return (s, c) sums of the weights of the things that hold; see `spans`.
+def sum_spans(shard: Ints, since: Ints, until: Ints, weight: Floats, shape: tuple[int, int]) -> Floats:
+    """Return (s, c) sums of the weights of the things that hold; see `count_spans`.
 
     Args:
         shard: (k,) shard of each thing, -1 for none.
@@ -43,10 +43,10 @@ def weighted_spans(shard: Ints, since: Ints, until: Ints, weight: Floats, shape:
     return np.asarray(steps.reshape(shards, columns)[:, :-1].cumsum(axis=1))
 
 
-def missed(
+def count_missed(
     truth: Truth, shard: Ints, edges: Edges, matches: Matches, level: int, shape: tuple[int, int]
 ) -> Ints:
-    """Return (s, c), how many labels up to a level have no match.
+    """Return (s, c) how many labels up to a level have no match.
 
     Args:
         truth: Labels.
@@ -58,15 +58,18 @@ def missed(
     """
     shard = np.where(truth.level <= level, shard, -1)
     labels = np.bincount(shard[shard >= 0], minlength=shape[0])
-    return np.asarray(labels[:, None] - spans(shard[edges.truth], matches.since, matches.until, shape))
+    return np.asarray(labels[:, None] - count_spans(shard[edges.truth], matches.since, matches.until, shape))
 
 
-def kept_until(predictions: Predictions, score_cutoffs: Array) -> Ints:
-    """Return (m,) number of the first cut-off that drops each prediction, both compared as float32.
+def cutoffs_kept(predictions: Predictions, score_cutoffs: Array) -> Ints:
+    """Return (m,) number of the first cut-off that drops each prediction: of how many cut-offs keep it.
 
     Args:
         predictions: Boxes with scores.
-        score_cutoffs: (c,) ascending cut-offs; a score equal to one is kept.
+        score_cutoffs: (c,) ascending cut-offs, compared as float32; a score equal to one is kept.
+
+    Raises:
+        BadInput: The cut-offs do not ascend, or there is none.
     """
     cutoffs = np.asarray(score_cutoffs, dtype=np.float32)
     if not len(cutoffs) or not (np.diff(cutoffs) >= 0).all():
@@ -74,11 +77,14 @@ def kept_until(predictions: Predictions, score_cutoffs: Array) -> Ints:
     return np.searchsorted(cutoffs, predictions.score, side="right")
 
 
-def checked_thresholds(iou_thresholds: Sequence[float]) -> Array:
+def check_thresholds(iou_thresholds: Sequence[float]) -> Array:
     """Return the (5,) IoU thresholds by type.
 
     Args:
-        iou_thresholds: Least IoU by type; the one of type 0 is not used.
+        iou_thresholds: Minimum IoU by type; the one of type 0 is not used.
+
+    Raises:
+        BadInput: There are not five of them, or one is outside of 0.000001 to 1.
     """
     thresholds = np.asarray(iou_thresholds, dtype=np.float32)
     # Below a millionth a pair can match without weight: then the official matching is arbitrary.
@@ -87,8 +93,8 @@ def checked_thresholds(iou_thresholds: Sequence[float]) -> Array:
     return thresholds
 
 
-def numbered(*keys: Ints) -> Ints:
-    """Return (k,) one number for each combination of keys.
+def key_numbers(*keys: Ints) -> Ints:
+    """Return (k,) numbers that are equal where all keys are equal.
 
     Args:
         keys: (k,) integers from -1 upwards.

@@ -1,4 +1,4 @@
-"""Which labels and predictions share a frame, and which of them overlap."""
+"""Labels and predictions put in order of frames, and the pairs of them that overlap."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from upvl_cli.geometry.boxes import geometry_of
 from upvl_cli.geometry.iou import iou_3d
-from upvl_cli.metrics.inputs import Predictions, Truth
-from upvl_cli.types import Array, Bools, Ints, ParallelArrays, array
+from upvl_cli.metrics.waymo.inputs import Predictions, Truth
+from upvl_cli.types import Array, Bools, Ints, ParallelArrays, array, concat, empty
 
 
 @dataclass(frozen=True)
@@ -65,8 +66,8 @@ class Pairing:
         return slice(int(self.starts[frame, column]), int(self.starts[frame + 1, column]))
 
 
-def paired(truth: Truth, predictions: Predictions) -> Pairing:
-    """Return both sides in order of frames, with their overlaps.
+def pair_frames(truth: Truth, predictions: Predictions) -> Pairing:
+    """Return labels and predictions in order of frames, with their overlaps.
 
     Args:
         truth: Labels of any number of segments.
@@ -81,7 +82,7 @@ def paired(truth: Truth, predictions: Predictions) -> Pairing:
     truth, predictions = truth[truth_row], predictions[prediction_row]
     truth_frame, prediction_frame = of_truth[truth_row], of_prediction[prediction_row]
     counts = np.arange(len(frames) + 1)
-    starts = [np.searchsorted(of, counts) for of in (prediction_frame, truth_frame)]
+    starts = [np.searchsorted(number, counts) for number in (prediction_frame, truth_frame)]
     edges = _overlaps(truth, predictions, *starts)
     starts.append(np.searchsorted(prediction_frame[edges.prediction], counts))
     return Pairing(
@@ -98,23 +99,23 @@ def paired(truth: Truth, predictions: Predictions) -> Pairing:
 
 
 def _overlaps(truth: Truth, predictions: Predictions, starts_p: Ints, starts_t: Ints) -> Edges:
-    found = [Edges(*np.zeros((3, 0)))]
+    found = [empty(Edges)]
+    predicted_boxes, true_boxes = geometry_of(predictions), geometry_of(truth)
     for p, p_end, t, t_end in zip(starts_p, starts_p[1:], starts_t, starts_t[1:], strict=False):
-        iou = iou_3d(predictions.seven[p:p_end], truth.seven[t:t_end]).astype(np.float32)
+        iou = iou_3d(predicted_boxes[p:p_end], true_boxes[t:t_end]).astype(np.float32)
         iou[predictions.type[p:p_end, None] != truth.type[t:t_end]] = 0  # other types never match
         row, column = np.nonzero(iou)
         found.append(Edges(p + row, t + column, iou[row, column]))
-    columns = ([getattr(part, name) for part in found] for name in ("prediction", "truth", "iou"))
-    return Edges(*(np.concatenate(parts) for parts in columns))
+    return concat(found, Edges)
 
 
 def can_match(pairing: Pairing, iou_thresholds: Array) -> Bools:
-    """Return (e,), whether each overlap reaches the threshold of its type, both as float32.
+    """Return (e,) whether each overlap reaches the threshold of its type, both as float32.
 
     Args:
         pairing: The overlaps.
-        iou_thresholds: (5,) least IoU by type.
+        iou_thresholds: (5,) minimum IoU of a match by type.
     """
     kind = pairing.predictions.type[pairing.edges.prediction]
-    least = np.asarray(iou_thresholds, dtype=np.float32)
-    return np.asarray((pairing.edges.iou >= least[kind]) & (kind > 0))  # an unknown type has no threshold
+    threshold = np.asarray(iou_thresholds, dtype=np.float32)
+    return np.asarray((pairing.edges.iou >= threshold[kind]) & (kind > 0))  # an unknown type has no threshold

@@ -10,7 +10,7 @@ import numpy as np
 from upvl_cli.types import Floats
 
 _RECALL_STEP = np.float32(0.05)
-_WIDEST_GAP = _RECALL_STEP + np.float32(1e-6)
+_MAX_GAP = _RECALL_STEP + np.float32(1e-6)
 
 
 def average_precision(precision: Floats, recall: Floats) -> float:
@@ -20,14 +20,14 @@ def average_precision(precision: Floats, recall: Floats) -> float:
         precision: (c,) float32 precision at each cut-off.
         recall: (c,) float32 recall at each cut-off, in any order.
     """
-    curve = _filled(precision, recall)
+    curve = _fill_gaps(precision, recall)
     area = np.float32(0.0)
     for (p_before, r_before), (p, r) in zip(curve, curve[1:], strict=False):
         area = np.float32(float(area) + 0.5 * float(r_before - r) * float(p_before + p))
     return min(float(area), 1.0)  # the steps add up to 1.00000012 for a perfect detector
 
 
-def _filled(precision: Floats, recall: Floats) -> list[tuple[np.float32, np.float32]]:
+def _fill_gaps(precision: Floats, recall: Floats) -> list[tuple[np.float32, np.float32]]:
     """Return (precision, recall) from high to low recall, precision rising, gaps filled."""
     best = {np.float32(0.0): np.float32(1.0)}
     for p, r in zip(precision.astype(np.float32), recall.astype(np.float32), strict=True):
@@ -35,7 +35,7 @@ def _filled(precision: Floats, recall: Floats) -> list[tuple[np.float32, np.floa
     curve: list[tuple[np.float32, np.float32]] = []
     highest, last = np.float32(0.0), np.float32(0.0)
     for r in sorted(best, reverse=True):
-        while last - r > _WIDEST_GAP:
+        while last - r > _MAX_GAP:
             last -= _RECALL_STEP
             curve.append((highest, last))
         highest = max(highest, best[r])

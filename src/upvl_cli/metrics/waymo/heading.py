@@ -17,12 +17,12 @@ def heading_accuracy(prediction_rad: Floats, truth_rad: Floats) -> Floats:
         prediction_rad: (k,) headings of predictions, any turn.
         truth_rad: (k,) headings of labels.
     """
-    apart = np.abs(_wrapped(prediction_rad) - _wrapped(truth_rad)).astype(np.float64)
-    apart = np.where(apart > np.pi, np.float32(2 * np.pi - apart), apart)
-    return np.clip(1 - apart / np.pi, 0, 1).astype(np.float32)
+    difference = np.abs(_wrap(prediction_rad) - _wrap(truth_rad)).astype(np.float64)
+    difference = np.where(difference > np.pi, np.float32(2 * np.pi - difference), difference)
+    return np.clip(1 - difference / np.pi, 0, 1).astype(np.float32)
 
 
-def _wrapped(angle_rad: Floats) -> Floats:
+def _wrap(angle_rad: Floats) -> Floats:
     """Return float32 angles in [-pi, pi), rounded as the official tool rounds them."""
     shifted = angle_rad + np.pi
     turn = 2 * np.pi
