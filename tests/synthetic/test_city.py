@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from city_checks import flow_residual_m, projection
+from upvl_cli.datasets.labels import LabelSource
 from upvl_cli.errors import BadInput, BadSetting
 from upvl_cli.geometry.boxes import points_inside
 from upvl_cli.geometry.iou import iou_3d
@@ -21,7 +22,7 @@ from upvl_cli.synthetic.drive import RATE_HZ, CityDrive
 from upvl_cli.synthetic.kinds import KINDS
 from upvl_cli.synthetic.labels import GROUND_NAMES, CityFlow, CityLabels, is_labelled
 from upvl_cli.synthetic.piece import STUFF
-from upvl_cli.types import Dataset, Drive, Labels, LabelSource
+from upvl_cli.types import Dataset, Drive, Labels
 
 SHIPPED = CityConfig(**tomllib.loads((Path(__file__).parents[2] / "stages" / "synthetic.toml").read_text()))
 EXACT = replace(SHIPPED, frames=3, noise=0.0)

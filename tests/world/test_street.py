@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 import world
+from upvl_cli.datasets.labels import LabelSource
 from upvl_cli.errors import BadInput
 from upvl_cli.geometry.boxes import points_inside
 from upvl_cli.geometry.iou import iou_bev
 from upvl_cli.geometry.se3 import apply, inverse
-from upvl_cli.types import Dataset, Drive, LabelSource
+from upvl_cli.types import Dataset, Drive
 from world.labels import StreetLabels
 from world.layout import CAR, GROUND, vehicle
 from world.scene import BOX, Motion, Part, Pose, Scene, Thing, solids_at
