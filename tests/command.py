@@ -49,11 +49,15 @@ def set_value(workspace: Path, stage: str, key: str, value: str) -> None:
     )
 
 
+# Whatever the caller's environment holds; the street of the tests is found through the second path.
+ENVIRONMENT = {"PATH": "/usr/bin:/bin", "COLUMNS": "120", "PYTHONPATH": str(ROOT / "tests")}
+
+
 def upvl(workspace: Path, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
     """Run one command in a workspace and wait for its end."""
     return subprocess.run(
         [UPVL, *arguments], cwd=workspace, capture_output=True, text=True, timeout=300,
-        env={"PATH": "/usr/bin:/bin", "COLUMNS": "120", "PYTHONPATH": str(ROOT / "tests"), **environment},
+        env={**ENVIRONMENT, **environment},
     )  # fmt: skip
 
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
+# Commands that a test starts find the street of the tests there, which is added by entry points.
+os.environ["PYTHONPATH"] = str(Path(__file__).parent)
 
 # The first example of a test may wait for an import, or for other tests beside it.
 settings.register_profile("patient", deadline=None)

@@ -80,7 +80,7 @@ def test_a_missing_sweep_is_counted(drive: TinyDrive, workspace: Path) -> None:
 @pytest.mark.parametrize(
     ("stage", "key", "value", "message"),
     [
-        ("mask", "min_speed_mps", "-1", "min_speed_mps = -1.0 must be >= 0"),
+        ("mask", "min_speed_mps", "-1", "min_speed_mps = -1 must be >= 0"),
         ("mask", "min_speed_mps", "nan", "min_speed_mps = nan must be >= 0"),
         ("mask", "min_speed_mps", "inf", "min_speed_mps = inf must be >= 0"),
         ("mask", "min_speed_mps", "9" * 400, "min_speed_mps = inf must be >= 0"),
@@ -88,7 +88,12 @@ def test_a_missing_sweep_is_counted(drive: TinyDrive, workspace: Path) -> None:
         ("mask", "min_speed_mps", "[" * 500, "is not valid TOML"),
         ("propose", "max_background_share", "1.5", "must be >= 0 and <= 1"),
         ("propose", "min_points", '"few"', "min_points = 'few' must be a whole number"),
-        ("raw", "dataset", '"kiti"', "dataset = 'kiti' must be one of kitti, street, synthetic"),
+        (
+            "raw",
+            "dataset",
+            '"kiti"',
+            "unknown dataset 'kiti'; did you mean 'kitti'? (known: kitti, street,",
+        ),
         ("raw", "segments", '["none"]', "unknown segment 'none'"),
         ("raw", "segments", '["../../etc"]', "unknown segment '../../etc'"),
         ("raw", "root", '"/nowhere"', "/nowhere"),

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from command import make_workspace, set_value
 from upvl_cli.commands.pipeline import PIPELINE
-from upvl_cli.pipeline.make_rules import plan
+from upvl_cli.pipeline.make_rules import write_rules
 from upvl_cli.pipeline.stage import WHOLE_DATASET
 from upvl_cli.pipeline.workspace import Workspace
 
@@ -35,7 +35,7 @@ def test_only_the_drives_that_are_learned_from_have_to_be_labelled(tmp_path: Pat
 
 
 def test_make_waits_for_no_other_drive(tmp_path: Path) -> None:
-    text = plan(city(tmp_path, val=1)).read_text()
+    text = write_rules(city(tmp_path, val=1)).read_text()
     (rule,) = (line for line in text.splitlines() if line.startswith("$(OUT)/train/all.parquet:"))
     assert "$(OUT)/nms/train-001.parquet" in rule
     assert "val-000" not in rule

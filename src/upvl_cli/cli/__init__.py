@@ -7,12 +7,12 @@ from collections.abc import Sequence
 
 from typer.exceptions import TyperException
 
-from upvl_cli.cli import draw, evaluate, labels, query, train
+from upvl_cli.cli import draw, evaluate, labels, query, stages, train
 from upvl_cli.cli.application import app
 from upvl_cli.errors import UpvlError, one_line
 
 # Each adds its commands to the application when it is imported; they stand in help in this order.
-COMMANDS = (labels, train, draw, query, evaluate)
+COMMANDS = (stages, labels, train, draw, query, evaluate)
 
 
 def run(arguments: Sequence[str]) -> int:

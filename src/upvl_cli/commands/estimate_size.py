@@ -48,7 +48,7 @@ class _FewFrames(ShardInputs):
         return _Few(table, tuple(table.frames[place] for place in places))
 
 
-def forecast(workspace: Workspace, stage: AnyStage, segment: str, settings: Config) -> tuple[int, int]:
+def estimate_size(workspace: Workspace, stage: AnyStage, segment: str, settings: Config) -> tuple[int, int]:
     """Bytes that a shard will have, and those that its drive's frames in it have on average.
 
     Args:

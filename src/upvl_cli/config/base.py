@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
@@ -27,6 +27,7 @@ def setting(
     gt: float | None = None,
     ge: float | None = None,
     le: float | None = None,
+    effects: Mapping[str, str] | None = None,
 ) -> Any:
     """Declare one setting; its value stands in the TOML file.
 
@@ -36,8 +37,10 @@ def setting(
         gt: The value is above this.
         ge: The value is this or more.
         le: The value is this or less.
+        effects: For a `Literal` of texts, what each choice does.
     """
-    return field(metadata={"meaning": meaning, "unit": unit, "gt": gt, "ge": ge, "le": le})
+    bounds = {"gt": gt, "ge": ge, "le": le}
+    return field(metadata={"meaning": meaning, "unit": unit, **bounds, "effects": dict(effects or {})})
 
 
 def table(meaning: str) -> Any:
@@ -57,6 +60,7 @@ class Setting:
         gt: Lower bound that the value exceeds, or None.
         ge: Lower bound that the value may equal, or None.
         le: Upper bound that the value may equal, or None.
+        effects: What each choice does, where only some texts are allowed.
     """
 
     path: tuple[str, ...]
@@ -66,6 +70,7 @@ class Setting:
     gt: float | None
     ge: float | None
     le: float | None
+    effects: Mapping[str, str]
 
     @property
     def name(self) -> str:

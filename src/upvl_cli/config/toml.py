@@ -61,7 +61,7 @@ def merge(values: Values, over: Values) -> dict[str, object]:
     for name, value in over.items():
         below = merged.get(name)
         both = isinstance(value, Mapping) and isinstance(below, Mapping)
-        merged[name] = merge(below, value) if both else value  # type: ignore[arg-type]
+        merged[name] = merge(below, value) if both else value
     return merged
 
 

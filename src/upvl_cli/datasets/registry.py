@@ -8,7 +8,6 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -66,6 +65,8 @@ def dataset_family(name: str) -> DatasetFamily:
     """
     if name in DATASETS:
         return DATASETS[name]
+    from importlib.metadata import entry_points  # slow to import, and seldom needed
+
     added = {entry.name: entry for entry in entry_points(group=GROUP)}
     if name in added:
         return _loaded(name, added[name].load)

@@ -68,7 +68,9 @@ def _settings(name: str, config: type[Config], folder: Path) -> Iterator[str]:
     yield from ("| setting | value | range | meaning |", "| --- | --- | --- | --- |")
     for spec in declared:
         value = f"`{spec.value_in(values)!r}`{' ' + spec.unit if spec.unit else ''}"
-        yield f"| `{spec.name}` | {value} | {spec.bounds} | {spec.meaning} |"
+        effects = "".join(f"<br>`{choice}`: {effect}" for choice, effect in spec.effects.items())
+        bounds = "" if spec.effects else spec.bounds
+        yield f"| `{spec.name}` | {value} | {bounds} | {spec.meaning}{effects} |"
     yield ""
 
 
@@ -80,5 +82,5 @@ def _columns(stage: AnyStage) -> Iterable[str]:
         meaning = "; ".join(
             part for part in (spec.meaning, spec.unit, spec.axes and f"{spec.axes} axes") if part
         )
-        shown = ", ".join(f"`{part}`" for part in spec.split or (spec.name or name,))
+        shown = ", ".join(f"`{part}`" for part in spec.table_names(name))
         yield f"| {shown} | {kind} | {spec.per or 'frame'} | {meaning} |"

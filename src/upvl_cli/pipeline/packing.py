@@ -25,7 +25,7 @@ def _fields(name: str, spec: Column, row: type[Row]) -> Iterator[pa.Field]:
     metadata = {"meaning": spec.meaning, "unit": spec.unit, "axes": spec.axes, "per": spec.per or "frame"}
     metadata |= {"shape": " ".join(map(str, spec.shape)), "items": spec.type}
     known = {key: value for key, value in metadata.items() if value}
-    for part in spec.split or (spec.name or name,):
+    for part in spec.table_names(name):
         yield pa.field(part, kind, nullable=False, metadata=known)
 
 
@@ -44,7 +44,7 @@ def pack_frame_row(item: Row, schema: pa.Schema) -> pa.RecordBatch:
     lengths: dict[str, int] = {}
     arrays = []
     for name, spec in columns_of(type(item)).items():
-        value, kind = getattr(item, name), schema.field(spec.name or name).type
+        value, kind = getattr(item, name), schema.field(spec.table_names(name)[0]).type
         if not spec.is_array:
             arrays.append(pa.array([value], type=kind))
             continue
@@ -69,7 +69,7 @@ def pack_box_row(item: Row, schema: pa.Schema) -> pa.RecordBatch:
     boxes = lengths["box"]
     arrays = []
     for name, spec, value in packed:
-        kind = schema.field(spec.split[0] if spec.split else spec.name or name).type
+        kind = schema.field(spec.table_names(name)[0]).type
         if not spec.per:
             arrays.append(pa.array([value] * boxes, type=kind))
         elif spec.ragged:
@@ -77,7 +77,7 @@ def pack_box_row(item: Row, schema: pa.Schema) -> pa.RecordBatch:
             ends = np.concatenate([[0], np.cumsum(value.count)]) * width
             arrays.append(_cells(np.ascontiguousarray(value.values).reshape(-1), spec, kind, ends))
         elif spec.split:
-            arrays += [_cells(part, spec, kind) for part in value.reshape(boxes, -1).T]
+            arrays += [_cells(part, spec, kind) for part in value.reshape(boxes, len(spec.split)).T]
         elif spec.shape:
             width = len(value) // max(boxes, 1)
             arrays.append(_cells(value, spec, kind, np.arange(boxes + 1) * width))
@@ -118,7 +118,10 @@ def _cells(flat: Array, spec: Column, kind: pa.DataType, ends: Array | None = No
 def unpack_frame_row(row: type[R], columns: pa.Table) -> R:
     """Return the row of a frame from a table of one row."""
     return row(
-        **{name: _of_frame(columns.column(spec.name or name), spec) for name, spec in columns_of(row).items()}
+        **{
+            name: _of_frame(columns.column(spec.table_names(name)[0]), spec)
+            for name, spec in columns_of(row).items()
+        }
     )
 
 
@@ -155,10 +158,10 @@ def unpack_box_row(
             parts = [_flat(columns.column(part), spec) for part in spec.split]
             values[name] = np.column_stack(parts) if boxes else np.zeros((0, *spec.shape), spec.type)
         elif spec.ragged:
-            cells, width = columns.column(spec.name or name), int(np.prod(spec.shape, dtype=np.int64))
+            cells, width = columns.column(spec.table_names(name)[0]), int(np.prod(spec.shape, dtype=np.int64))
             values[name] = Ragged(_flat(cells, spec).reshape(-1, *spec.shape), _lengths(cells, spec) // width)
         elif spec.per:
-            values[name] = _flat(columns.column(spec.name or name), spec).reshape(boxes, *spec.shape)
+            values[name] = _flat(columns.column(spec.table_names(name)[0]), spec).reshape(boxes, *spec.shape)
     return row(**values)
 
 

@@ -36,9 +36,9 @@ class Column:
         axes: Axes of its values, for example "ego"; empty where it has none.
         per: What has one item of the column each; empty for one a frame.
         shape: Shape of an item.
-        split: Names of the table's columns, one for each of the last axis of the item; empty for one of its own name.
+        names: Names in the table: one in place of the field's, or one for each of the last axis of the item; empty
+            where it is that of the field.
         ragged: Each item of `per` has any number of values of that shape (a `Ragged`).
-        name: Name in the table; empty where it is that of the field.
     """
 
     type: str
@@ -47,9 +47,17 @@ class Column:
     axes: str
     per: str
     shape: tuple[int, ...]
-    split: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()
     ragged: bool = False
-    name: str = ""
+
+    @property
+    def split(self) -> tuple[str, ...]:
+        """Names of the table's columns, where an item stands in several."""
+        return self.names if len(self.names) > 1 else ()
+
+    def table_names(self, field_name: str) -> tuple[str, ...]:
+        """Return the names of the table's columns that hold the field of that name."""
+        return self.names or (field_name,)
 
     @property
     def is_array(self) -> bool:
@@ -65,13 +73,12 @@ def column(
     *,
     per: str = "",
     shape: tuple[int, ...] = (),
-    split: tuple[str, ...] = (),
+    names: tuple[str, ...] = (),
     ragged: bool = False,
-    name: str = "",
 ) -> Any:
     """Declare a column; see `Column`."""
-    shape = (len(split),) if split else shape
-    return field(metadata={"column": Column(type, meaning, unit, axes, per, shape, split, ragged, name)})
+    shape = (len(names),) if len(names) > 1 else shape
+    return field(metadata={"column": Column(type, meaning, unit, axes, per, shape, names, ragged)})
 
 
 @dataclass(frozen=True)

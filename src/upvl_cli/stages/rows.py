@@ -94,10 +94,10 @@ class BoxRow(Row):
         "m",
         "ego",
         per="box",
-        split=("center_x_m", "center_y_m", "center_z_m"),
+        names=("center_x_m", "center_y_m", "center_z_m"),
     )
     size_lwh_m: Array = column(
-        "float64", "size of the box", "m", per="box", split=("length_m", "width_m", "height_m")
+        "float64", "size of the box", "m", per="box", names=("length_m", "width_m", "height_m")
     )
     heading_rad: Array = column(
         "float64", "direction of the length, counter-clockwise from x", "rad", "ego", per="box"
@@ -108,7 +108,7 @@ class BoxRow(Row):
         "m/s",
         "ego",
         per="box",
-        split=("velocity_x_mps", "velocity_y_mps", "velocity_z_mps"),
+        names=("velocity_x_mps", "velocity_y_mps", "velocity_z_mps"),
     )
     num_points: Array = column("int32", "LiDAR points that the box was made from", per="box")
 
@@ -217,7 +217,7 @@ class LabelRow(AmodalRow):
         "string",
         "vehicle, pedestrian, cyclist or other; empty where no camera saw the track",
         per="box",
-        name="class",
+        names=("class",),
     )
     word: Array = column(
         "string", "word that most points of the track are nearest to; empty if not seen", per="box"
