@@ -28,8 +28,8 @@ def test_point_counts_are_exact():
     for frame in range(world.FRAMES):
         xyz_m = world.sweep(frame)[0].xyz_ego_m.astype(np.float64)
         now = labels[labels.frame == frame]
-        assert [count_inside(xyz_m, seven) for seven in now.seven] == now.points.tolist()
-    assert labels.points.max() > 1000
+        assert [count_inside(xyz_m, seven) for seven in now.seven] == now.num_points.tolist()
+    assert labels.num_points.max() > 1000
 
 
 def test_every_labelled_object_was_seen_and_all_seen_ones_are_labelled():
@@ -58,7 +58,7 @@ def test_a_box_holds_nearly_all_points_of_its_object():
     for frame in range(world.FRAMES):
         points, truth = world.sweep(frame)
         now = labels[labels.frame == frame]
-        for seven, thing, count in zip(now.seven, now.object_id, now.points, strict=True):
+        for seven, thing, count in zip(now.seven, now.object_id, now.num_points, strict=True):
             own = points.xyz_ego_m[truth.object_index == int(thing)]
             assert count >= 0.9 * len(own) - 2
             held += count_inside(own, seven)
@@ -99,7 +99,7 @@ def test_boxes_stand_on_the_ground():
 
 def test_difficulty_and_type_are_waymo_s():
     labels = world.labels()
-    np.testing.assert_array_equal(labels.difficulty == 2, labels.points <= 5)
+    np.testing.assert_array_equal(labels.difficulty == 2, labels.num_points <= 5)
     number = {"Car": 1, "Truck": 1, "Bus": 1, "Pedestrian": 2, "Cyclist": 4}
     assert labels.type.tolist() == [number[kind] for kind in labels.class_name]
 

@@ -42,7 +42,7 @@ def test_the_car_is_where_it_is_and_as_fast_as_it_is(tiny: TinyDrive) -> None:
     assert labels.type.tolist() == [1] * 4 and labels.difficulty.tolist() == [0] * 4
     np.testing.assert_allclose(labels.seven, tiny.car_seven, atol=1e-6)
     np.testing.assert_allclose(labels.velocity_mps, np.tile(tiny.car_velocity_mps, (4, 1)), atol=1e-6)
-    assert labels.points.tolist() == tiny.car_points.tolist()
+    assert labels.num_points.tolist() == tiny.car_points.tolist()
 
 
 KINDS = {
@@ -220,7 +220,7 @@ def test_object_labels_come_to_ego_axes(objects: TinyDrive) -> None:
     expected = [objects.car_seven[1], [20.0, -3.0, -0.8, *CAR_LWH_M, 2.0]]
     np.testing.assert_allclose(labels.seven, expected, atol=1e-5)
     assert np.isnan(labels.velocity_mps).all()
-    assert labels.points[0] > 0.9 * objects.car_points[1]  # this drive has no poses to untwist its sweeps
+    assert labels.num_points[0] > 0.9 * objects.car_points[1]  # this drive has no poses to untwist its sweeps
 
 
 def test_only_labelled_frames_count(objects: TinyDrive) -> None:
@@ -290,7 +290,7 @@ def test_the_real_tracklets(shared: Path) -> None:
     moving = {object_id for object_id, median in medians.items() if median > 1.0}
     assert moving == {"3", "10", "11"}  # the tram and two cyclists
     assert speed_mps[~np.isin(labels.object_id, list(moving))].max() < 0.6  # four parked cars
-    assert labels.points[labels.object_id == "10"].min() >= 50
+    assert labels.num_points[labels.object_id == "10"].min() >= 50
     tram = labels[labels.object_id == "3"]
     assert source.covers("2011_09_26_drive_0001_sync", tram.seven[:, :3]).all()
 
@@ -301,7 +301,7 @@ def test_the_real_object_labels_stand_on_the_points(shared: Path) -> None:
     segment = "2011_09_26_drive_0052_sync"
     labels = source.labels(segment)
     assert source.frames(segment).tolist() == [7, 14, 21, 31]
-    assert len(labels) == 31 and labels.points.min() > 50
+    assert len(labels) == 31 and labels.num_points.min() > 50
     assert (np.abs(labels.seven[:, 6]) < 0.1).all()  # a queue that looks the way the ego does
     floor_m = labels.seven[:, 2] - labels.seven[:, 5] / 2
     assert (np.abs(floor_m + 1.65) < 0.4).all()
