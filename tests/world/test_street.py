@@ -30,7 +30,7 @@ from world.labels import StreetLabels
 drive = Streets(frames=2, seeds=(7,)).open("street-7")
 points, truth = drive.points(1), drive.truth(1)
 labels = StreetLabels(frames=2, seeds=(7,)).labels("street-7")
-arrays = points.xyz_ego_m, points.intensity, truth.velocity_mps, drive.image(1, "front").rgb, labels.seven
+arrays = points.xyz_ego_m, points.intensity, truth.velocity_mps, drive.image(1, "front").rgb, labels.to_rows()
 print(hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest())
 """
 

@@ -7,7 +7,7 @@ from functools import cache, lru_cache
 import numpy as np
 
 from upvl_cli.geometry.camera import rays as camera_rays
-from upvl_cli.synthetic.cast import NOTHING, Caster, Hits, Rays
+from upvl_cli.synthetic.cast import NOTHING, Caster, RayHits, Rays
 from upvl_cli.synthetic.lidar import TURN_S
 from upvl_cli.synthetic.surface import Surface
 from upvl_cli.synthetic.textures import TEXTURES, brightness
@@ -99,7 +99,7 @@ def picture(
     rolling_s: float,
     noise: float,
     rng: np.random.Generator,
-) -> tuple[Array, Hits]:
+) -> tuple[Array, RayHits]:
     """A picture, (height, width, 3) uint8, and what each pixel shows, in the order of `tiles`.
 
     Args:
@@ -131,7 +131,7 @@ def tiles(width_px: int, height_px: int) -> tuple[Ints, Ints]:
     return order, np.argsort(order)
 
 
-def _colours(caster: Caster, rays: Rays, hits: Hits, weather: Weather) -> Array:
+def _colours(caster: Caster, rays: Rays, hits: RayHits, weather: Weather) -> Array:
     """(n, 3) float32, what the rays bring, 0 to 255."""
     rgb, texture, gloss = _palette(caster.scene.surfaces)
     shown = rgb[hits.surface]
@@ -155,7 +155,7 @@ def _colours(caster: Caster, rays: Rays, hits: Hits, weather: Weather) -> Array:
     return shown
 
 
-def _light(caster: Caster, rays: Rays, hits: Hits, weather: Weather) -> Array:
+def _light(caster: Caster, rays: Rays, hits: RayHits, weather: Weather) -> Array:
     """(n,) float32, how much light each place gets from the sun and the sky."""
     sun = weather.sun.astype(np.float32)
     facing = np.maximum(hits.normal @ sun, 0)

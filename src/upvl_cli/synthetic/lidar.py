@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from upvl_cli.synthetic.cast import Caster, Hits, Rays
+from upvl_cli.synthetic.cast import Caster, RayHits, Rays
 from upvl_cli.types import Array, Floats, Ints, ParallelArrays, array
 
 TURN_S = 0.1
@@ -92,7 +92,7 @@ def rays_at(caster: Caster, time_s: float) -> tuple[Rays, Ints]:
     return rays, sensor
 
 
-def sweep(caster: Caster, time_s: float, noisy: float, rng: np.random.Generator) -> tuple[Returns, Hits]:
+def sweep(caster: Caster, time_s: float, noisy: float, rng: np.random.Generator) -> tuple[Returns, RayHits]:
     """One turn of the LiDARs around a time.
 
     Args:
