@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from stored import Thing, config, put, refit, workspace
+from stored import Thing, basis, config, model, put, refit, workspace
 
 from upvl_cli.errors import BadInput, BadSetting, NotMade
 from upvl_cli.perception.visual.open_vocabulary import Basis
@@ -211,3 +211,123 @@ def test_a_damaged_index_is_made_again(tmp_path: Path, content: bytes | None) ->
     whole = where.index.read_bytes()
     where.index.write_bytes(whole[: len(whole) // 2] if content is None else content)
     assert [len(objects) for _, objects in indexed_objects(where)] == [1]
+
+
+def test_what_moves_is_decided_by_the_setting(made: Workspace) -> None:
+    parked = ask(made, "fire truck", filters=Filters(moving=False), moving_mps=8.5)
+    assert keys(parked) == [("two", 0, 0), ("one", 1, 1), ("one", 2, 1)]
+    assert keys(ask(made, "fire truck", filters=Filters(moving=True), moving_mps=8.0)) == [
+        ("one", 1, 1),
+        ("one", 2, 1),
+    ]
+
+
+def test_hits_carry_their_boxes(tmp_path: Path) -> None:
+    thing = Thing({"car": 6}, x_m=12, y_m=-3, speed_mps=2, speed_y_mps=1, track=7, score=0.5, frames=(1,))
+    made = workspace(tmp_path, {"one": [Thing({"tree": 4}), thing]}, frames=2)
+    hit = ask(made, "car").hits
+    assert (hit.segment[0], hit.frame[0], hit.box[0], hit.track_id[0]) == ("one", 1, 0, 7)
+    np.testing.assert_allclose(hit.center_m, [[12, -3, 0]])
+    np.testing.assert_allclose(hit.size_lwh_m, [[4, 2, 1.5]])
+    np.testing.assert_allclose(hit.velocity_mps, [[2, 1, 0]])
+    np.testing.assert_allclose([hit.confidence[0], hit.share[0], hit.score[0]], [0.5, 1, 0.5])
+    assert hit.num_features.tolist() == [6]
+    np.testing.assert_allclose(hit.time_s, [0.1])
+
+
+def test_hits_are_ordered_by_score_then_cosine_then_position(tmp_path: Path) -> None:
+    """Equal things in two drives and two frames; one of half the confidence; one whose points are mixed."""
+    same = Thing({"car": 1}, frames=(0, 1))
+    things = [same, same, Thing({"car": 1}, score=0.5), Thing({"car": 3, "tree": 1})]
+    made = workspace(tmp_path, {"b": things, "a": [same]}, frames=2)
+    hits = ask(made, "car").hits
+    order = list(zip(-hits.score, -hits.cosine, hits.segment, hits.frame, hits.box, strict=True))
+    assert order == sorted(order)
+    assert len(hits) == 8 and len(set(hits.cosine.tolist())) > 1
+    assert hits.score[-1] == 0.5
+    assert hits.score[-2] == 0.75
+
+
+def test_the_threshold_belongs_to_the_hits(made: Workspace) -> None:
+    at = ask(made, "fire truck", threshold=1.0)
+    assert keys(at) == [("two", 0, 0)]
+    assert at.counts["below the threshold"] == 2
+
+
+def test_each_fate_is_counted(made: Workspace) -> None:
+    """Ten boxes: seven in drive one (two frames of the truck), two in two; the void has none."""
+    found = ask(made, "fire truck", filters=Filters(segments=("one",), max_range_m=40), threshold=0.41)
+    assert found.counts == {
+        "boxes": 10,
+        "other drives": 2,
+        "filtered out": 1,  # the bus at 50 m
+        "without points": 1,
+        "other words": 4,  # three cars, one pedestrian
+        "below the threshold": 2,
+        "hits": 0,
+    }
+    ranked = ask(made, "fire truck", search=True, candidates=3)
+    assert ranked.counts["not ranked high enough"] == 9 - 3
+    assert sum(items for name, items in ranked.counts.items() if name != "boxes") == 10
+
+
+def test_tracks_of_two_drives_are_two(tmp_path: Path) -> None:
+    """Track 1 of both drives, and two boxes without a track: a search classifies one box each."""
+    things = [Thing({"car": 4}, track=1, frames=(0, 1)), Thing({"car": 4}, frames=(0,))]
+    made = workspace(tmp_path, {"one": things, "two": things}, frames=2)
+    assert len(ask(made, "car", search=True, candidates=50).hits) == 4
+    assert len(ask(made, "car", search=True, candidates=3).hits) == 3
+    assert len(ask(made, "car", search=False, candidates=3).hits) == 6
+
+
+def test_a_search_ranks_by_the_mean_feature(tmp_path: Path) -> None:
+    """The purest car is ranked first, and cars before trees, whatever their order in the store."""
+    things = [
+        Thing({"tree": 9}),
+        Thing({"car": 5, "tree": 4}),
+        Thing({"car": 9}),
+        Thing({"car": 6, "tree": 3}),
+    ]
+    made = workspace(tmp_path, {"one": things})
+    found = [keys(ask(made, "car", search=True, candidates=number)) for number in (1, 2, 3)]
+    assert found[0] == [("one", 0, 2)]
+    assert found[1] == [("one", 0, 2), ("one", 0, 3)]
+    assert found[2] == [("one", 0, 2), ("one", 0, 3), ("one", 0, 1)]
+
+
+def test_the_mean_feature_and_the_vote_can_differ(tmp_path: Path) -> None:
+    """By vote a share counts; by mean a box is one vote, so its share is 1."""
+    made = workspace(tmp_path, {"one": [Thing({"car": 7, "tree": 3})]})
+    assert ask(made, "car", by="vote").hits.share.tolist() == [pytest.approx(0.7)]
+    assert ask(made, "car", by="mean").hits.share.tolist() == [1.0]
+
+
+def test_cosines_in_the_basis_are_those_of_the_full_features() -> None:
+    """cos(m + W' z, t), against the features put together again in the full space."""
+    fitted, words = basis(), model().embed_text(["car", "tree", "road"])
+    codes = fitted.rounded(fitted.kept(model().embed_text(["bus", "fire truck", "building", "car"])))
+    full = fitted.mean + (codes * fitted.scale) @ fitted.components
+    expected = full @ words.T / np.linalg.norm(full, axis=1, keepdims=True)
+    np.testing.assert_allclose(fitted.cosines(codes, words), expected, atol=1e-5)
+
+
+def test_a_new_basis_makes_the_index_anew(tmp_path: Path) -> None:
+    """Rows of the index are kept by the digests of shard and basis: with the same shard, another basis is refused."""
+    made = workspace(tmp_path, {"one": [Thing({"car": 5})]})
+    list(indexed_objects(open_store(made, None)))
+    refit(made, json.dumps({"vlm": made.model_stamp, "values": 3}))
+    with pytest.raises(NotMade, match="was made before the last pca"):
+        list(indexed_objects(open_store(made, None)))
+
+
+def test_an_unchanged_drive_is_copied_from_the_index(tmp_path: Path) -> None:
+    """Only the changed shard is read: the other one's columns may be gone, its footer is enough."""
+    made = workspace(tmp_path, {"one": [Thing({"car": 5}, track=4)], "two": [Thing({"car": 5})]})
+    list(indexed_objects(open_store(made, None)))
+    path = made.shard("pool-features", "one")
+    content = path.read_bytes()
+    footer = len(content) - 8 - int.from_bytes(content[-8:-4], "little")
+    path.write_bytes(b"PAR1" + bytes(footer - 4) + content[footer:])
+    put(made, "two", [Thing({"bus": 5}, track=9)])
+    found = dict(indexed_objects(open_store(made, None)))
+    assert (found["one"].track_id.tolist(), found["two"].track_id.tolist()) == ([4], [9])

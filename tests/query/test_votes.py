@@ -97,3 +97,25 @@ def test_the_best_of_many_tracks_is_that_of_a_full_sort() -> None:
         kept.setdefault((int(track[place]), place if track[place] < 0 else 0), place)
     for most in (1, 5, 60, 9000):
         assert best_of_groups(score, track, most).tolist() == list(kept.values())[:most]
+
+
+def test_a_point_votes_for_its_word_of_highest_cosine() -> None:
+    """Not for the first or last word, and not for the lowest; all cosines may be negative."""
+    cosines = np.array([[-0.5, -0.4, -0.9, -0.2, -0.3], [-0.3, -0.1, -0.9, -0.2, -0.4]])
+    result = vote(cosines, np.array([0, 1]), 2, CLASS_OF_WORD)
+    assert (result.class_index.tolist(), result.word_index.tolist()) == ([2, 0], [3, 1])
+    np.testing.assert_allclose(result.cosine, [-0.2, -0.1])
+
+
+def test_more_votes_beat_nearer_votes() -> None:
+    cosines = np.array([[0.2, 0.1, 0.1, 0, 0], [0.2, 0.1, 0.1, 0, 0], [0, 0, 0.9, 0, 0]])
+    result = vote(cosines, np.zeros(3, int), 1, CLASS_OF_WORD)
+    assert result.class_index.tolist() == [0]
+    np.testing.assert_allclose([result.share[0], result.cosine[0]], [2 / 3, 0.2])
+
+
+def test_groups_beyond_the_first_look_are_found() -> None:
+    """One track fills the best 100 places; the second best track stands behind them."""
+    score, track = np.r_[np.linspace(1, 0.9, 100), 0.5, 0.4], np.r_[np.zeros(100, int), 1, 2]
+    assert best_of_groups(score, track, 2).tolist() == [0, 100]
+    assert best_of_groups(score, track, 3).tolist() == [0, 100, 101]
