@@ -56,7 +56,7 @@ def trigger_s(name: str) -> float:
 
 
 def pixel_rays(caster: Caster, seen_by: Camera, time_s: float, rolling_s: float) -> Rays:
-    """The rays of all pixels, in the order of `tiles`.
+    """Return the rays of all pixels, in the order of `tiles`.
 
     Args:
         caster: The city.
@@ -84,7 +84,7 @@ def _ways(name: str) -> Array:
 
 @cache
 def _ways_of_front() -> Floats:
-    """The same in the axes of the camera: all five have the same lens."""
+    """Return the same in the axes of the camera: all five have the same lens."""
     front = camera("front")
     v, u = np.divmod(np.arange(front.width_px * front.height_px), front.width_px)
     return camera_rays(front, np.stack([u, v], axis=1)) @ front.ego_from_camera[:3, :3]
@@ -100,7 +100,7 @@ def picture(
     noise: float,
     rng: np.random.Generator,
 ) -> tuple[Array, RayHits]:
-    """A picture, (height, width, 3) uint8, and what each pixel shows, in the order of `tiles`.
+    """Return a picture, (height, width, 3) uint8, and what each pixel shows, in the order of `tiles`.
 
     Args:
         caster: The city.
@@ -122,7 +122,7 @@ def picture(
 
 @cache
 def tiles(width_px: int, height_px: int) -> tuple[Ints, Ints]:
-    """The numbers of all pixels tile by tile, and where each pixel is among them.
+    """Return the numbers of all pixels tile by tile, and where each pixel is among them.
 
     Rays that follow each other are to lie close together.
     """

@@ -115,7 +115,7 @@ class Caster:
         self._still = triangles(still)
 
     def cast(self, rays: Rays, *, reach_m: float) -> RayHits:
-        """The first surface on each ray.
+        """Return the first surface on each ray.
 
         Args:
             rays: The rays.

@@ -133,7 +133,7 @@ class CityDrive:
         return points, PointTruth(hits.thing, hits.name, moved @ to_ego * RATE_HZ)
 
     def _sweep(self, frame: int) -> tuple[Points, RayHits, Floats]:
-        """The points of a sweep, what each lies on, and the time of each."""
+        """Return the points of a sweep, what each lies on, and the time of each."""
         time_s, caster = self._time_s(frame), self._caster
         rng = np.random.default_rng([*self._seed, _SWEEP, frame])
         returns, hits = sweep(caster, time_s, self._settings.noise, rng)
@@ -168,7 +168,7 @@ class CityDrive:
         )
 
     def _picture(self, frame: int, camera: str) -> tuple[Image, RayHits]:
-        """A picture, and what its pixels show, tile by tile."""
+        """Return a picture, and what its pixels show, tile by tile."""
         known = [one.name for one in CAMERAS]
         if camera not in known:
             raise BadInput(f"{self.name} has no camera {camera!r}; it has {', '.join(known)}")

@@ -76,7 +76,7 @@ def _fan(azimuth_rad: Array, elevation_rad: Array) -> Floats:
 
 @cache
 def _tiles(total: int) -> tuple[Ints, Ints]:
-    """The numbers of all rays tile by tile, and where each is among them: neighbours are cast together."""
+    """Return the numbers of all rays tile by tile, and where each is among them: neighbours are cast together."""
     column, row = np.divmod(np.arange(COLUMNS * len(ELEVATION_RAD)), len(ELEVATION_RAD))
     roof = np.lexsort((row, column, row // TILE, column // TILE))
     tiles = np.append(roof, np.arange(len(roof), total))
@@ -84,7 +84,7 @@ def _tiles(total: int) -> tuple[Ints, Ints]:
 
 
 def rays_at(caster: Caster, time_s: float) -> tuple[Rays, Ints]:
-    """The rays of the sweep around a time, and the sensor of each."""
+    """Return the rays of the sweep around a time, and the sensor of each."""
     start, way, column, sensor = directions()
     moments_s = time_s + ((np.arange(COLUMNS) + 0.5) / COLUMNS - 0.5) * TURN_S
     ego = caster.scene.ego.at(moments_s).chosen(column)
