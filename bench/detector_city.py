@@ -29,11 +29,13 @@ from upvl_cli.evaluation.region import Region
 from upvl_cli.evaluation.score import detection_scores, named_scores
 from upvl_cli.geometry.iou import iou_bev
 from upvl_cli.pipeline.workspace import Workspace
-from upvl_cli.query.classes import of_phrases
-from upvl_cli.query.find import Filters, find
-from upvl_cli.query.question import question
-from upvl_cli.query.run import params
-from upvl_cli.query.store import store
+from upvl_cli.query.classes import classes_from_phrases
+from upvl_cli.query.filters import Filters
+from upvl_cli.query.find import find
+from upvl_cli.query.run import query_config
+from upvl_cli.query.store import open_store
+from upvl_cli.query.vocabulary import build_vocabulary
+from upvl_cli.types import Boxes
 from workspaces import on_city
 
 AROUND = Region(100.0, 40.0)
@@ -129,23 +131,24 @@ def _asked(folder: Path, drives: list[str], on: str, by: str) -> None:
         by: Whether the points of a box vote, or its mean feature is asked: an ablation of the paper.
     """
     workspace = Workspace(PIPELINE, folder / "stages", folder / "out")
-    settings = params(workspace, {})
+    config = query_config(workspace, {"by": by})
     source = label_source(workspace.raw.dataset, Path(workspace.raw.root), workspace.dataset)
     labels = {name: source.labels(name) for name in drives}
     print(f"asked of {on}, by {by}: boxes of the kind with 6 points or more found, and hits on another thing")
     for phrase in ASKED:
-        asked = question(workspace, of_phrases([phrase]), same=settings.same, anyway=False)
-        filters = Filters(segments=drives)
-        hits = find(store(workspace, on), asked, filters, threshold=settings.threshold, by=by).hits
+        classes = classes_from_phrases([phrase])
+        vocabulary = build_vocabulary(workspace, classes, config, check_spelling=True)
+        hits = find(open_store(workspace, on), vocabulary, Filters(segments=drives), config).hits
         wanted = found = right = 0
         for name in drives:
             truth = labels[name]
-            is_kind = _is(phrase, truth) & (truth.points >= 6) & AROUND.contains(truth.seven[:, :3])
+            is_kind = _is(phrase, truth) & (truth.num_points >= 6) & AROUND.contains(truth.center_m)
             for frame in np.unique(truth.frame):
-                of = truth.seven[is_kind & (truth.frame == frame)]
-                boxes = hits.seven[(hits.segment == name) & (hits.frame == frame)].astype(np.float64)
-                overlap = iou_bev(of, boxes) > FOUND_IOU
-                wanted += len(of)
+                asked = truth[is_kind & (truth.frame == frame)]
+                here = hits[(hits.segment == name) & (hits.frame == frame)]
+                boxes = Boxes(here.center_m, here.size_lwh_m, here.heading_rad)
+                overlap = iou_bev(asked, boxes) > FOUND_IOU
+                wanted += len(asked)
                 found += int(overlap.any(axis=1).sum())
                 right += int(overlap.any(axis=0).sum())
         print(
@@ -160,8 +163,8 @@ def _is(phrase: str, truth) -> np.ndarray:
         return np.isin(truth.type, by_type[phrase])
     kinds = {"car": ("sedan", "hatchback", "suv", "taxi", "police car")}.get(phrase)
     if kinds:
-        return np.isin(truth.kind, kinds)
-    return np.array([phrase in kind for kind in truth.kind], dtype=np.bool_)
+        return np.isin(truth.class_name, kinds)
+    return np.array([phrase in kind for kind in truth.class_name], dtype=np.bool_)
 
 
 if __name__ == "__main__":

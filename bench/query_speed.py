@@ -1,8 +1,8 @@
 """How fast queries are: python bench/query_speed.py.
 
 Two made-up stores: one of a million objects, for `--search`; and one labelled drive, whose every point votes on new
-words. Times of commands hold the start of Python; the best of a few runs counts. A search is also told as a multiple of
-one plain product of all mean features, in float32, with the words, which no exact search can do without.
+words. Times of commands hold the start of Python; the best of a few runs counts. A search is also given as a multiple
+of one plain product of all mean features, in float32, with the words, which no exact search can do without.
 """
 
 from __future__ import annotations
@@ -26,12 +26,15 @@ from upvl_cli.perception.visual.open_vocabulary import COMPONENTS, fit
 from upvl_cli.pipeline.stage import WHOLE_DATASET
 from upvl_cli.pipeline.tables import footer_digest, write
 from upvl_cli.pipeline.workspace import Workspace
-from upvl_cli.query.classes import of_phrases
-from upvl_cli.query.find import Filters, find
-from upvl_cli.query.question import question
-from upvl_cli.query.store import store
+from upvl_cli.query.classes import classes_from_phrases
+from upvl_cli.query.filters import Filters
+from upvl_cli.query.find import find
+from upvl_cli.query.run import query_config
+from upvl_cli.query.store import open_store
+from upvl_cli.query.vocabulary import build_vocabulary
 from upvl_cli.stages.pca import PcaRow
 from upvl_cli.stages.rows import ObjectRow
+from upvl_cli.types import Ragged
 from upvl_cli.vlm.mini import Mini
 from workspaces import on_kitti
 
@@ -50,10 +53,12 @@ def main() -> None:
 
 def _million(folder: Path) -> bool:
     workspace = _workspace(folder, DRIVES, points=4)
-    asked = question(workspace, of_phrases(["fire truck"]), same=0.9, anyway=False)
+    config = query_config(workspace, {"threshold": 0.0, "search": True})
+    classes = classes_from_phrases(["fire truck"])
+    vocabulary = build_vocabulary(workspace, classes, config, check_spelling=True)
 
     def search() -> None:
-        found = find(store(workspace, "labels"), asked, Filters(), threshold=0.0, candidates=50)
+        found = find(open_store(workspace, "labels"), vocabulary, Filters(), config)
         assert len(found.hits)
 
     stolen = Stolen()
@@ -62,9 +67,9 @@ def _million(folder: Path) -> bool:
     peak_mib = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
     # After the command, whose peak would else hold what was ours when it began.
     features = np.ones((DRIVES * FRAMES * BOXES, COMPONENTS), dtype=np.float32)
-    words = np.ones((COMPONENTS, len(asked.words)), dtype=np.float32)
+    words = np.ones((COMPONENTS, len(vocabulary.words)), dtype=np.float32)
     plain_s = _seconds(lambda: features @ words, RUNS)
-    size = store(workspace, "labels").index.stat().st_size
+    size = open_store(workspace, "labels").index.stat().st_size
     print(
         f"{DRIVES * FRAMES * BOXES:,} objects: a search {warm_s:.2f} s (bar {SEARCH_BAR_S:g}), {warm_s / plain_s:.1f} "
         f"times a plain product; {stolen}; the whole command "
@@ -103,13 +108,13 @@ def _query(folder: Path, *options: str) -> None:
 def _workspace(folder: Path, drives: int, points: int) -> Workspace:
     on_kitti(folder, folder / "drives", [])  # where no drive is: a query needs none
     workspace = Workspace(PIPELINE, folder / "stages", folder / "out")
-    looks = Mini().embed_text(Mini().text.phrases)
-    basis = fit([looks], looks.shape[1])
+    vectors = Mini().embed_text(Mini().text.phrases)
+    basis = fit([vectors], vectors.shape[1])
     fitted = PcaRow(WHOLE_DATASET, 0, basis.mean, basis.components.ravel(), basis.scale, basis.variance_kept)
     stamp = json.dumps({"vlm": workspace.model_stamp})
     write(workspace.shard("pca", WHOLE_DATASET), PcaRow, [fitted], stamp=stamp, counts={})
     stamp = json.dumps({"inputs": {"pca": footer_digest(workspace.shard("pca", WHOLE_DATASET))}})
-    codes = basis.quantize(basis.project(looks))
+    codes = basis.quantize(basis.project(vectors))
     for drive in range(drives):
         name = f"drive-{drive:04d}"
         rows = _rows(name, drive, points, codes)
@@ -118,23 +123,27 @@ def _workspace(folder: Path, drives: int, points: int) -> Workspace:
 
 
 def _rows(segment: str, seed: int, points: int, codes: np.ndarray) -> Iterator[ObjectRow]:
-    """Frames of objects that each look like some phrase, and each point of them a little different."""
+    """Yield frames of objects that each have the feature of some phrase, and each point of them a little noise."""
     rng = np.random.default_rng(seed)
-    look = rng.integers(0, len(codes), BOXES)
+    phrase = rng.integers(0, len(codes), BOXES)
     for frame in range(FRAMES):
-        pooled = np.clip(codes[look] + rng.integers(-3, 4, (BOXES, codes.shape[1])), -127, 127)
+        pooled = np.clip(codes[phrase] + rng.integers(-3, 4, (BOXES, codes.shape[1])), -127, 127)
         noise = rng.integers(-9, 10, (BOXES * points, codes.shape[1]))
         yield ObjectRow(
             segment,
             frame,
-            seven=np.concatenate([rng.uniform(-60, 60, (BOXES, 2)), np.ones((BOXES, 5))], axis=1),
+            center_m=np.concatenate([rng.uniform(-60, 60, (BOXES, 2)), np.ones((BOXES, 1))], axis=1),
+            size_lwh_m=np.ones((BOXES, 3)),
+            heading_rad=np.ones(BOXES),
             velocity_mps=rng.normal(0, 5, (BOXES, 3)),
-            points=np.full(BOXES, points),
+            num_points=np.full(BOXES, points),
+            num_features=np.full(BOXES, points),
             score=rng.uniform(0.5, 1, BOXES),
             track_id=np.arange(BOXES),
             time_ns=frame * 10**8,
-            of_box=np.repeat(np.arange(BOXES), points),
-            feature=np.clip(np.repeat(pooled, points, axis=0) + noise, -127, 127),
+            point_feature=Ragged(
+                np.clip(np.repeat(pooled, points, axis=0) + noise, -127, 127), np.full(BOXES, points)
+            ),
             pooled=pooled,
         )
 

@@ -12,6 +12,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from upvl_cli.types import Boxes
+
 EGO_SPEED_MPS = 5.0
 CAR_SPEED_MPS = 8.0
 YAW_RAD = 0.5
@@ -56,7 +58,7 @@ class TinyDrive:
     time_ns: np.ndarray  # (T,)
     world_from_ego: np.ndarray  # (T, 4, 4)
     xyz_ego_m: tuple[np.ndarray, ...]  # each (n, 3), as at the frame's time
-    car_seven: np.ndarray  # (T, 7)
+    car: Boxes  # of each of the T frames, in its ego axes
     car_points: np.ndarray  # (T,)
     car_velocity_mps: np.ndarray  # (3,) over ground, along the ego axes
 
@@ -79,8 +81,9 @@ def write_drive(
     seconds = (time_ns - time_ns[0]) / 1e9
     clouds = [street_points(t) for t in seconds]
     turn_s = float(seconds[-1]) / max(frames - 1, 1)
-    car = np.tile(np.r_[CAR_START_M, CAR_LWH_M, 0.0], (frames, 1))
-    car[:, 0] += (CAR_SPEED_MPS - EGO_SPEED_MPS) * seconds
+    center_m = np.tile(CAR_START_M, (frames, 1))
+    center_m[:, 0] += (CAR_SPEED_MPS - EGO_SPEED_MPS) * seconds
+    car = Boxes(center_m, np.tile(CAR_LWH_M, (frames, 1)), np.zeros(frames))
     poses = ego_poses(seconds)
 
     write_times(folder / "velodyne_points", time_ns)
@@ -90,7 +93,7 @@ def write_drive(
     if images:
         write_times(folder / "image_02", time_ns + CAMERA_DELAY_NS)
         for frame in range(frames):
-            picture = draw(car[frame])
+            picture = draw(car.center_m[frame])
             Image.fromarray(picture).save(numbered(folder / "image_02/data", frame, ".png"))
     if calibration:
         write_calibration(folder.parent)
@@ -98,7 +101,7 @@ def write_drive(
         write_times(folder / "oxts", time_ns)
         write_oxts(folder / "oxts/data", poses)
     if tracklets:
-        write_tracklets(folder / "tracklet_labels.xml", twisted(car[:, :3], turn_s))
+        write_tracklets(folder / "tracklet_labels.xml", twisted(car.center_m, turn_s))
     return TinyDrive(
         root=root,
         folder=folder,
@@ -106,7 +109,7 @@ def write_drive(
         time_ns=time_ns,
         world_from_ego=poses,
         xyz_ego_m=tuple(xyz for xyz, _ in clouds),
-        car_seven=car,
+        car=car,
         car_points=np.array([(intensity == 0.8).sum() for _, intensity in clouds]),
         car_velocity_mps=np.array([CAR_SPEED_MPS, 0.0, 0.0]),
     )
@@ -158,11 +161,11 @@ def ego_poses(seconds: np.ndarray) -> np.ndarray:
     return poses
 
 
-def draw(seven: np.ndarray) -> np.ndarray:
+def draw(center_m: np.ndarray) -> np.ndarray:
     """(h, w, 3) picture of image_02: sky, road, and a red rectangle around the car."""
     picture = np.full((HEIGHT_PX, WIDTH_PX, 3), (200, 220, 255), dtype=np.uint8)
     picture[HEIGHT_PX // 2 :] = 90
-    corners = seven[:3] + grid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5]) * seven[3:6]
+    corners = center_m + grid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5]) * CAR_LWH_M
     u, v = project(corners).T
     rows, columns = (slice(int(np.floor(p.min())), int(np.ceil(p.max())) + 1) for p in (v, u))
     picture[rows, columns] = RED

@@ -69,7 +69,7 @@ out/eval/tracks-moving-only.json
 
 def boxes_of(drive: TinyDrive) -> Mapping[int, list[tuple[np.ndarray, float, int]]]:
     """Two right boxes of two tracks, one 2 m too far, one on nothing, and one behind the camera."""
-    car = drive.car_seven
+    car = drive.car.to_rows()
     shift, aside, behind = (
         np.eye(7)[0],
         np.array([0, -6.0, 0, 0, 0, 0, 0]),

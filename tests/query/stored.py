@@ -16,6 +16,8 @@ from upvl_cli.perception.visual.open_vocabulary import Basis, fit
 from upvl_cli.pipeline.stage import WHOLE_DATASET
 from upvl_cli.pipeline.tables import footer_digest, write
 from upvl_cli.pipeline.workspace import Workspace
+from upvl_cli.query.config import QueryConfig
+from upvl_cli.query.run import query_config
 from upvl_cli.stages.pca import PcaRow
 from upvl_cli.stages.rows import ObjectRow
 from upvl_cli.types import Ragged
@@ -44,7 +46,9 @@ class Thing:
     Attributes:
         words: Of its points, so many each.
         x_m: How far ahead of the car.
+        y_m: How far to the left of the car.
         speed_mps: Along x.
+        speed_y_mps: Along y.
         track: Its number, -1 for none.
         score: Confidence.
         frames: Where it is.
@@ -52,7 +56,9 @@ class Thing:
 
     words: dict[str, int]
     x_m: float = 10.0
+    y_m: float = 0.0
     speed_mps: float = 0.0
+    speed_y_mps: float = 0.0
     track: int = -1
     score: float = 1.0
     frames: tuple[int, ...] = field(default=(0,))
@@ -87,15 +93,19 @@ def rows(segment: str, things: list[Thing], frames: int) -> list[ObjectRow]:
             ObjectRow(
                 segment,
                 frame,
-                seven=np.array([[thing.x_m, 0, 0, 4, 2, 1.5, 0] for thing in here]).reshape(-1, 7),
-                velocity_mps=np.array([[thing.speed_mps, 0, 0] for thing in here]).reshape(-1, 3),
-                points=np.bincount(of_box, minlength=len(here)),
+                center_m=np.array([[thing.x_m, thing.y_m, 0] for thing in here]).reshape(-1, 3),
+                size_lwh_m=np.tile([4, 2, 1.5], (len(here), 1)),
+                heading_rad=np.zeros(len(here)),
+                velocity_mps=np.array([[thing.speed_mps, thing.speed_y_mps, 0] for thing in here]).reshape(
+                    -1, 3
+                ),
+                num_points=np.bincount(of_box, minlength=len(here)),
                 score=np.array([thing.score for thing in here]),
                 track_id=np.array([thing.track for thing in here], dtype=np.int64),
                 time_ns=10**9 + round(frame * FRAME_S * 1e9),
-                of_box=of_box,
-                feature=codes,
+                num_features=np.bincount(of_box, minlength=len(here)),
                 pooled=average_pool(Ragged.grouped(of_box, codes, len(here)), basis()),
+                point_feature=Ragged(codes, np.bincount(of_box, minlength=len(here))),
             )
         )
     return found
@@ -110,6 +120,11 @@ def workspace(
     for segment, things in drives.items():
         put(made, segment, things, frames, stage)
     return made
+
+
+def config(made: Workspace, **values: object) -> QueryConfig:
+    """The settings that ship, without a threshold, but for these values."""
+    return query_config(made, {"threshold": 0.0, **values})
 
 
 def refit(made: Workspace, stamp: str) -> None:

@@ -5,17 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from stored import config
 
 from command import make_workspace
 from upvl_cli.commands.pipeline import PIPELINE
 from upvl_cli.errors import BadSetting
 from upvl_cli.pipeline.workspace import Workspace
-from upvl_cli.query.classes import Classes, of_file, of_phrases
-from upvl_cli.query.question import question
+from upvl_cli.query.classes import Classes, classes_from_file, classes_from_phrases
+from upvl_cli.query.vocabulary import Vocabulary, build_vocabulary
 
 
 def test_phrases_are_a_class_each() -> None:
-    assert of_phrases(["fire truck", "car, bus"]).words == {
+    assert classes_from_phrases(["fire truck", "car, bus"]).words == {
         "fire truck": ("fire truck",),
         "car": ("car",),
         "bus": ("bus",),
@@ -35,7 +36,7 @@ def test_phrases_are_a_class_each() -> None:
 def test_a_file_of_classes(tmp_path: Path, text: str, expected: Classes) -> None:
     path = tmp_path / "classes.toml"
     path.write_text(text)
-    assert of_file(path) == expected
+    assert classes_from_file(path) == expected
 
 
 @pytest.mark.parametrize(
@@ -55,11 +56,11 @@ def test_a_file_of_classes(tmp_path: Path, text: str, expected: Classes) -> None
         ('[a]\nwords = ["car"]\n[b]\nwords = ["car"]', "'car' stands 2 times"),
     ],
 )
-def test_a_malformed_file_is_told_from_a_good_one(tmp_path: Path, text: str, message: str) -> None:
+def test_a_malformed_file_is_refused(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "classes.toml"
     path.write_text(text)
     with pytest.raises(BadSetting, match=f"classes.toml.*{message}"):
-        of_file(path)
+        classes_from_file(path)
 
 
 @pytest.fixture(scope="module")
@@ -68,13 +69,17 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Workspace:
     return Workspace(PIPELINE, make_workspace(folder) / "stages", folder / "out")
 
 
+def build(made: Workspace, classes: Classes, *, check_spelling: bool = True, **values: float) -> Vocabulary:
+    return build_vocabulary(made, classes, config(made, **values), check_spelling=check_spelling)
+
+
 @pytest.mark.parametrize(
     ("asked", "there", "not_there"),
     [
-        ("garbage truck", {"truck", "bus", "car", "road"}, set()),  # a kind of truck is told from trucks
+        ("garbage truck", {"truck", "bus", "car", "road"}, set()),  # its hypernym competes
         ("fire truck", {"bus", "car", "road"}, {"fire truck", "truck"}),  # to mini they are one
-        ("truck", {"bus", "car"}, {"truck", "fire truck", "pickup truck"}),  # kinds of it
-        ("lorry", {"bus", "car"}, {"truck"}),  # says the same
+        ("truck", {"bus", "car"}, {"truck", "fire truck", "pickup truck"}),  # hyponyms
+        ("lorry", {"bus", "car"}, {"truck"}),  # a synonym
         ("vehicle", {"person", "tree"}, {"car", "bus", "van"}),  # a list of name.toml by its name
         ("hydrant", {"car", "truck", "pole", "trash can"}, set()),
     ],
@@ -82,30 +87,30 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Workspace:
 def test_a_phrase_competes_with_what_is_something_else(
     made: Workspace, asked: str, there: set[str], not_there: set[str]
 ) -> None:
-    found = question(made, of_phrases([asked]), same=0.9, anyway=False)
+    found = build(made, classes_from_phrases([asked]))
     assert there <= set(found.words[1:])
     assert not not_there & set(found.words[1:])
-    assert found.kind_of_word.tolist() == list(range(len(found.words)))
+    assert found.class_of_word.tolist() == list(range(len(found.words)))
     assert len(found.vectors) == len(found.words)
 
 
-def test_what_the_model_does_not_tell_apart_is_told(made: Workspace) -> None:
-    found = question(made, of_phrases(["fire truck, garbage truck, car"]), same=0.9, anyway=False)
-    assert found.blurred == (("fire truck", "truck"),)
-    assert question(made, of_phrases(["fire truck"]), same=1.0, anyway=False).blurred == ()
+def test_words_that_the_model_cannot_distinguish_are_named(made: Workspace) -> None:
+    found = build(made, classes_from_phrases(["fire truck, garbage truck, car"]))
+    assert found.ambiguous == (("fire truck", "truck"),)
+    assert build(made, classes_from_phrases(["fire truck"]), synonym_cosine=1.0).ambiguous == ()
 
 
 def test_negatives_of_a_file_are_the_only_ones(made: Workspace) -> None:
     classes = Classes({"large": ("bus", "truck"), "small": ("car",)}, ("tree", "road"))
-    found = question(made, classes, same=0.9, anyway=False)
+    found = build(made, classes)
     assert found.words == ("bus", "truck", "car", "tree", "road")
-    assert found.kind_of_word.tolist() == [0, 0, 1, 2, 3]
-    assert found.asked.tolist() == [True, True, True, False, False]
+    assert found.class_of_word.tolist() == [0, 0, 1, 2, 3]
+    assert found.is_queried.tolist() == [True, True, True, False, False]
 
 
 def test_words_that_are_none_are_refused(made: Workspace) -> None:
     with pytest.raises(BadSetting, match='no such word: "trcuk"; did you mean "truck"'):
-        question(made, Classes({"a": ("car",)}, ("trcuk",)), same=0.9, anyway=False)
-    assert question(made, of_phrases(["trcuk"]), same=0.9, anyway=True).words[0] == "trcuk"
+        build(made, Classes({"a": ("car",)}, ("trcuk",)))
+    assert build(made, classes_from_phrases(["trcuk"]), check_spelling=False).words[0] == "trcuk"
     with pytest.raises(BadSetting, match="mini has no vector for"):
-        question(made, of_phrases(["\u200b"]), same=0.9, anyway=True)
+        build(made, classes_from_phrases(["\u200b"]), check_spelling=False)

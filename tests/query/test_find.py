@@ -7,17 +7,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from stored import Thing, put, refit, workspace
+from stored import Thing, basis, config, model, put, refit, workspace
 
 from upvl_cli.errors import BadInput, BadSetting, NotMade
 from upvl_cli.perception.visual.open_vocabulary import Basis
 from upvl_cli.pipeline.tables import Table
 from upvl_cli.pipeline.workspace import Workspace
-from upvl_cli.query.classes import Classes, of_phrases
-from upvl_cli.query.find import Filters, Found, find
-from upvl_cli.query.index import drives
-from upvl_cli.query.question import Question, question
-from upvl_cli.query.store import Store, store
+from upvl_cli.query.classes import Classes, classes_from_phrases
+from upvl_cli.query.filters import Filters
+from upvl_cli.query.find import QueryResult, find
+from upvl_cli.query.index import indexed_objects
+from upvl_cli.query.store import Store, open_store
+from upvl_cli.query.vocabulary import Vocabulary, build_vocabulary
 
 THINGS = [
     Thing({"car": 20}, x_m=10, track=1, frames=(0, 1, 2)),
@@ -35,18 +36,16 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Workspace:
     return workspace(folder, {"one": THINGS, "two": others, "void": []}, frames=3)
 
 
-def asked(made: Workspace, *phrases: str) -> Question:
-    return question(made, of_phrases(phrases), same=0.9, anyway=False)
+def vocabulary_of(made: Workspace, *phrases: str) -> Vocabulary:
+    return build_vocabulary(made, classes_from_phrases(phrases), config(made), check_spelling=True)
 
 
-def ask(
-    made: Workspace, *phrases: str, filters: Filters | None = None, threshold: float = 0.0, **how: object
-) -> Found:
-    wanted = asked(made, *phrases)
-    return find(store(made, None), wanted, filters or Filters(), threshold=threshold, **how)  # type: ignore[arg-type]
+def ask(made: Workspace, *phrases: str, filters: Filters | None = None, **values: object) -> QueryResult:
+    vocabulary = vocabulary_of(made, *phrases)
+    return find(open_store(made, None), vocabulary, filters or Filters(), config(made, **values))
 
 
-def keys(found: Found) -> list[tuple[str, int, int]]:
+def keys(found: QueryResult) -> list[tuple[str, int, int]]:
     hits = found.hits
     return list(zip(hits.segment.tolist(), hits.frame.tolist(), hits.box.tolist(), strict=True))
 
@@ -63,7 +62,12 @@ def test_a_phrase_finds_its_boxes_best_first(made: Workspace) -> None:
 
 def test_every_box_has_one_fate(made: Workspace) -> None:
     found = ask(
-        made, "fire truck", filters=Filters(segments=("one",), max_range_m=40), threshold=0.3, candidates=2
+        made,
+        "fire truck",
+        filters=Filters(segments=("one",), max_range_m=40),
+        threshold=0.3,
+        search=True,
+        candidates=2,
     )
     counts = dict(found.counts)
     boxes = counts.pop("boxes")
@@ -73,25 +77,25 @@ def test_every_box_has_one_fate(made: Workspace) -> None:
 def test_words_of_a_class_vote_together(made: Workspace) -> None:
     """Nine of thirteen points are one of two words, though the bus has the most."""
     classes = Classes({"large": ("fire truck", "bus")}, ("car",))
-    found = find(store(made, None), question(made, classes, same=0.9, anyway=False), Filters(), threshold=0.0)
-    mixed = found.hits[found.hits.seven[:, 0] == 50]
+    vocabulary = build_vocabulary(made, classes, config(made), check_spelling=True)
+    found = find(open_store(made, None), vocabulary, Filters(), config(made))
+    mixed = found.hits[found.hits.center_m[:, 0] == 50]
     np.testing.assert_allclose(mixed.share, [9 / 13])
-    assert mixed.word.tolist() == [1]
+    assert mixed.word_index.tolist() == [1]
 
 
 def test_several_phrases_share_the_boxes(made: Workspace) -> None:
     found = ask(made, "pedestrian", "car, bus")
     kinds = {("one", 0, 1): 0, ("one", 0, 0): 1, ("one", 1, 0): 1, ("one", 2, 0): 1, ("one", 0, 3): 2}
-    assert dict(zip(keys(found), found.hits.kind.tolist(), strict=True)) == kinds
+    assert dict(zip(keys(found), found.hits.class_index.tolist(), strict=True)) == kinds
 
 
 @pytest.mark.parametrize(
     ("filters", "expected"),
     [
         (Filters(segments=("two",)), [("two", 0, 0)]),
-        (Filters(moving=True, moving_mps=1.0), [("one", 1, 1), ("one", 2, 1)]),
-        (Filters(moving=False, moving_mps=1.0), [("two", 0, 0)]),
-        (Filters(moving=False, moving_mps=8.5), [("two", 0, 0), ("one", 1, 1), ("one", 2, 1)]),
+        (Filters(moving=True), [("one", 1, 1), ("one", 2, 1)]),
+        (Filters(moving=False), [("two", 0, 0)]),
         (Filters(min_speed_mps=8.0), [("one", 1, 1), ("one", 2, 1)]),
         (Filters(max_speed_mps=7.9), [("two", 0, 0)]),
         (Filters(max_range_m=29.9), [("two", 0, 0)]),
@@ -109,8 +113,8 @@ def test_the_threshold_is_of_share_times_confidence(made: Workspace) -> None:
 
 
 def test_a_search_asks_the_best_box_of_the_best_tracks(made: Workspace) -> None:
-    assert {key[0] for key in keys(ask(made, "fire truck", candidates=1))} == {"two"}
-    found = keys(ask(made, "fire truck", candidates=100))
+    assert {key[0] for key in keys(ask(made, "fire truck", search=True, candidates=1))} == {"two"}
+    found = keys(ask(made, "fire truck", search=True, candidates=100))
     assert found[0] == ("two", 0, 0)
     assert len(found) == 2  # the track of two frames counts once
 
@@ -123,28 +127,28 @@ def test_the_mean_feature_decides_alone(made: Workspace) -> None:
 
 def test_answers_are_those_of_a_plain_loop(made: Workspace) -> None:
     """Point by point, in the full space, without the index."""
-    where, wanted = store(made, None), asked(made, "fire truck", "car")
-    expected = plain(where, wanted, where.basis)
-    found = find(where, wanted, Filters(), threshold=0.0)
-    got = dict(zip(keys(found), found.hits.kind.tolist(), strict=True))
+    where, vocabulary = open_store(made, None), vocabulary_of(made, "fire truck", "car")
+    expected = plain(where, vocabulary, where.basis)
+    found = find(where, vocabulary, Filters(), config(made))
+    got = dict(zip(keys(found), found.hits.class_index.tolist(), strict=True))
     assert got == expected
     assert len(expected) > 4
 
 
-def plain(where: Store, wanted: Question, basis: Basis) -> dict[tuple[str, int, int], int]:
+def plain(where: Store, vocabulary: Vocabulary, basis: Basis) -> dict[tuple[str, int, int], int]:
     from upvl_cli.stages.rows import ObjectRow
 
     won = {}
     for name, path in where.paths.items():
         for row in Table(path, ObjectRow):
-            for box in range(len(row.seven)):
+            for box in range(len(row.boxes)):
                 votes: dict[int, int] = {}
-                for code in row.feature[row.of_box == box]:
+                for code in row.point_feature.values[row.point_feature.owner == box]:
                     full = basis.mean + (code * basis.scale) @ basis.components
-                    kind = int(wanted.kind_of_word[(wanted.vectors @ full).argmax()])
+                    kind = int(vocabulary.class_of_word[(vocabulary.vectors @ full).argmax()])
                     votes[kind] = votes.get(kind, 0) + 1
                 best = [kind for kind, count in votes.items() if count == max(votes.values())]
-                if len(best) == 1 and best[0] < len(wanted.names):  # ties are tested apart
+                if len(best) == 1 and best[0] < len(vocabulary.class_names):  # ties are tested apart
                     won[name, row.frame, box] = best[0]
     return won
 
@@ -159,7 +163,7 @@ def test_nothing_is_asked_of_the_drives_themselves(made: Workspace) -> None:
 def test_detections_come_before_labels(tmp_path: Path) -> None:
     made = workspace(tmp_path, {"one": [Thing({"car": 5})]})
     put(made, "one", [Thing({"bus": 5}), Thing({"bus": 5})], stage="detect")
-    assert (store(made, None).on, store(made, "labels").on) == ("detections", "labels")
+    assert (open_store(made, None).source, open_store(made, "labels").source) == ("detections", "labels")
     assert len(ask(made, "bus").hits) == 2
 
 
@@ -175,7 +179,7 @@ def test_features_of_another_model_or_basis_are_refused(tmp_path: Path) -> None:
     content = path.read_bytes()
     refit(made, json.dumps({"vlm": {"model": "clip"}}))
     with pytest.raises(NotMade, match="was made with another model than that of .*vlm.toml"):
-        store(made, None)
+        open_store(made, None)
     refit(made, json.dumps({"vlm": made.model_stamp, "values": 2}))
     with pytest.raises(NotMade, match=r"one.parquet was made before the last pca; run: upvl autolabel"):
         ask(made, "car")
@@ -185,22 +189,145 @@ def test_features_of_another_model_or_basis_are_refused(tmp_path: Path) -> None:
 
 def test_the_index_follows_the_shards(tmp_path: Path) -> None:
     made = workspace(tmp_path, {"one": [Thing({"car": 5})], "two": [Thing({"car": 5})]})
-    where = store(made, None)
-    assert [(name, len(objects)) for name, objects in drives(where)] == [("one", 1), ("two", 1)]
+    where = open_store(made, None)
+    assert [(name, len(objects)) for name, objects in indexed_objects(where)] == [("one", 1), ("two", 1)]
     first = where.index.stat()
-    list(drives(where))
+    list(indexed_objects(where))
     assert where.index.stat().st_ino == first.st_ino  # nothing changed: not written again
     put(made, "two", [Thing({"car": 5}), Thing({"bus": 5})])
     put(made, "three", [Thing({"bus": 5})])
     made.shard("pool-features", "one").unlink()
-    assert [(name, len(objects)) for name, objects in drives(store(made, None))] == [("three", 1), ("two", 2)]
+    assert [(name, len(objects)) for name, objects in indexed_objects(open_store(made, None))] == [
+        ("three", 1),
+        ("two", 2),
+    ]
 
 
 @pytest.mark.parametrize("content", [b"", b"ARROW1\0\0 and then nothing", None])
 def test_a_damaged_index_is_made_again(tmp_path: Path, content: bytes | None) -> None:
     made = workspace(tmp_path, {"one": [Thing({"car": 5})]})
-    where = store(made, None)
-    list(drives(where))
+    where = open_store(made, None)
+    list(indexed_objects(where))
     whole = where.index.read_bytes()
     where.index.write_bytes(whole[: len(whole) // 2] if content is None else content)
-    assert [len(objects) for _, objects in drives(where)] == [1]
+    assert [len(objects) for _, objects in indexed_objects(where)] == [1]
+
+
+def test_what_moves_is_decided_by_the_setting(made: Workspace) -> None:
+    parked = ask(made, "fire truck", filters=Filters(moving=False), moving_mps=8.5)
+    assert keys(parked) == [("two", 0, 0), ("one", 1, 1), ("one", 2, 1)]
+    assert keys(ask(made, "fire truck", filters=Filters(moving=True), moving_mps=8.0)) == [
+        ("one", 1, 1),
+        ("one", 2, 1),
+    ]
+
+
+def test_hits_carry_their_boxes(tmp_path: Path) -> None:
+    thing = Thing({"car": 6}, x_m=12, y_m=-3, speed_mps=2, speed_y_mps=1, track=7, score=0.5, frames=(1,))
+    made = workspace(tmp_path, {"one": [Thing({"tree": 4}), thing]}, frames=2)
+    hit = ask(made, "car").hits
+    assert (hit.segment[0], hit.frame[0], hit.box[0], hit.track_id[0]) == ("one", 1, 0, 7)
+    np.testing.assert_allclose(hit.center_m, [[12, -3, 0]])
+    np.testing.assert_allclose(hit.size_lwh_m, [[4, 2, 1.5]])
+    np.testing.assert_allclose(hit.velocity_mps, [[2, 1, 0]])
+    np.testing.assert_allclose([hit.confidence[0], hit.share[0], hit.score[0]], [0.5, 1, 0.5])
+    assert hit.num_features.tolist() == [6]
+    np.testing.assert_allclose(hit.time_s, [0.1])
+
+
+def test_hits_are_ordered_by_score_then_cosine_then_position(tmp_path: Path) -> None:
+    """Equal things in two drives and two frames; one of half the confidence; one whose points are mixed."""
+    same = Thing({"car": 1}, frames=(0, 1))
+    things = [same, same, Thing({"car": 1}, score=0.5), Thing({"car": 3, "tree": 1})]
+    made = workspace(tmp_path, {"b": things, "a": [same]}, frames=2)
+    hits = ask(made, "car").hits
+    order = list(zip(-hits.score, -hits.cosine, hits.segment, hits.frame, hits.box, strict=True))
+    assert order == sorted(order)
+    assert len(hits) == 8 and len(set(hits.cosine.tolist())) > 1
+    assert hits.score[-1] == 0.5
+    assert hits.score[-2] == 0.75
+
+
+def test_the_threshold_belongs_to_the_hits(made: Workspace) -> None:
+    at = ask(made, "fire truck", threshold=1.0)
+    assert keys(at) == [("two", 0, 0)]
+    assert at.counts["below the threshold"] == 2
+
+
+def test_each_fate_is_counted(made: Workspace) -> None:
+    """Ten boxes: seven in drive one (two frames of the truck), two in two; the void has none."""
+    found = ask(made, "fire truck", filters=Filters(segments=("one",), max_range_m=40), threshold=0.41)
+    assert found.counts == {
+        "boxes": 10,
+        "other drives": 2,
+        "filtered out": 1,  # the bus at 50 m
+        "without points": 1,
+        "other words": 4,  # three cars, one pedestrian
+        "below the threshold": 2,
+        "hits": 0,
+    }
+    ranked = ask(made, "fire truck", search=True, candidates=3)
+    assert ranked.counts["not ranked high enough"] == 9 - 3
+    assert sum(items for name, items in ranked.counts.items() if name != "boxes") == 10
+
+
+def test_tracks_of_two_drives_are_two(tmp_path: Path) -> None:
+    """Track 1 of both drives, and two boxes without a track: a search classifies one box each."""
+    things = [Thing({"car": 4}, track=1, frames=(0, 1)), Thing({"car": 4}, frames=(0,))]
+    made = workspace(tmp_path, {"one": things, "two": things}, frames=2)
+    assert len(ask(made, "car", search=True, candidates=50).hits) == 4
+    assert len(ask(made, "car", search=True, candidates=3).hits) == 3
+    assert len(ask(made, "car", search=False, candidates=3).hits) == 6
+
+
+def test_a_search_ranks_by_the_mean_feature(tmp_path: Path) -> None:
+    """The purest car is ranked first, and cars before trees, whatever their order in the store."""
+    things = [
+        Thing({"tree": 9}),
+        Thing({"car": 5, "tree": 4}),
+        Thing({"car": 9}),
+        Thing({"car": 6, "tree": 3}),
+    ]
+    made = workspace(tmp_path, {"one": things})
+    found = [keys(ask(made, "car", search=True, candidates=number)) for number in (1, 2, 3)]
+    assert found[0] == [("one", 0, 2)]
+    assert found[1] == [("one", 0, 2), ("one", 0, 3)]
+    assert found[2] == [("one", 0, 2), ("one", 0, 3), ("one", 0, 1)]
+
+
+def test_the_mean_feature_and_the_vote_can_differ(tmp_path: Path) -> None:
+    """By vote a share counts; by mean a box is one vote, so its share is 1."""
+    made = workspace(tmp_path, {"one": [Thing({"car": 7, "tree": 3})]})
+    assert ask(made, "car", by="vote").hits.share.tolist() == [pytest.approx(0.7)]
+    assert ask(made, "car", by="mean").hits.share.tolist() == [1.0]
+
+
+def test_cosines_in_the_basis_are_those_of_the_full_features() -> None:
+    """cos(m + W' z, t), against the features put together again in the full space."""
+    fitted, words = basis(), model().embed_text(["car", "tree", "road"])
+    codes = fitted.rounded(fitted.kept(model().embed_text(["bus", "fire truck", "building", "car"])))
+    full = fitted.mean + (codes * fitted.scale) @ fitted.components
+    expected = full @ words.T / np.linalg.norm(full, axis=1, keepdims=True)
+    np.testing.assert_allclose(fitted.cosines(codes, words), expected, atol=1e-5)
+
+
+def test_a_new_basis_makes_the_index_anew(tmp_path: Path) -> None:
+    """Rows of the index are kept by the digests of shard and basis: with the same shard, another basis is refused."""
+    made = workspace(tmp_path, {"one": [Thing({"car": 5})]})
+    list(indexed_objects(open_store(made, None)))
+    refit(made, json.dumps({"vlm": made.model_stamp, "values": 3}))
+    with pytest.raises(NotMade, match="was made before the last pca"):
+        list(indexed_objects(open_store(made, None)))
+
+
+def test_an_unchanged_drive_is_copied_from_the_index(tmp_path: Path) -> None:
+    """Only the changed shard is read: the other one's columns may be gone, its footer is enough."""
+    made = workspace(tmp_path, {"one": [Thing({"car": 5}, track=4)], "two": [Thing({"car": 5})]})
+    list(indexed_objects(open_store(made, None)))
+    path = made.shard("pool-features", "one")
+    content = path.read_bytes()
+    footer = len(content) - 8 - int.from_bytes(content[-8:-4], "little")
+    path.write_bytes(b"PAR1" + bytes(footer - 4) + content[footer:])
+    put(made, "two", [Thing({"bus": 5}, track=9)])
+    found = dict(indexed_objects(open_store(made, None)))
+    assert (found["one"].track_id.tolist(), found["two"].track_id.tolist()) == ([4], [9])

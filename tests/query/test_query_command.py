@@ -35,14 +35,19 @@ def test_a_query_prints_a_line_an_object_and_writes_each_box(folder: Path) -> No
     assert " ".join(first.split()) == "fire truck 1.00 100% gone - 1 0 0.0 25.0 0.0"
     assert " ".join(second.split()) == "fire truck 0.95 95% street-0 7 2 0 0.0 12.0 5.0"
     assert summary == "5 labels: 3 hits of 2 objects, 2 other words"
-    assert note.startswith('mini does not tell "fire truck" from "truck": ')
+    assert note.startswith('mini cannot distinguish "fire truck" from "truck": ')
     assert (table, sheet) == ("out/query/fire-truck.parquet", "out/query/fire-truck.png")
     rows = pq.read_table(folder / table).to_pylist()
     assert [(row["segment"], row["frame"], row["box"]) for row in rows] == [
         ("gone", 0, 0), ("street-0", 0, 0), ("street-0", 1, 0),
     ]  # fmt: skip
-    assert rows[1]["kind"] == rows[1]["word"] == "fire truck"
-    np.testing.assert_allclose(rows[1]["seven"], [12, 0, 0, 4, 2, 1.5, 0])
+    assert rows[1]["class"] == rows[1]["word"] == "fire truck"
+    box = ("center_x_m", "center_y_m", "center_z_m", "length_m", "width_m", "height_m", "heading_rad")
+    np.testing.assert_allclose([rows[1][name] for name in box], [12, 0, 0, 4, 2, 1.5, 0])
+    velocity = ("velocity_x_mps", "velocity_y_mps", "velocity_z_mps")
+    np.testing.assert_allclose([rows[1][name] for name in velocity], [5, 0, 0])
+    numbers = ("score", "share", "confidence", "track_id", "num_features", "time_s")
+    np.testing.assert_allclose([rows[2][name] for name in numbers], [0.95, 0.95, 1, 7, 20, 0.1])
 
 
 def test_the_sheet_shows_points_and_pictures_where_they_are(folder: Path) -> None:
@@ -78,7 +83,7 @@ def test_words_are_compared(folder: Path) -> None:
     assert lines[1].split()[:3] == ["fire", "truck", "3"]
     assert "minivan 2, van 1" in lines[1]
     assert lines[-2].startswith("5 labels with features")
-    assert lines[-1].startswith('mini does not tell "fire truck" from "truck"')
+    assert lines[-1].startswith('mini cannot distinguish "fire truck" from "truck"')
 
 
 @pytest.mark.parametrize(
@@ -111,7 +116,7 @@ def test_a_workspace_without_labels_says_what_to_run(tmp_path: Path) -> None:
 def test_a_drive_without_labels_says_what_to_run(tmp_path: Path) -> None:
     workspace(tmp_path, {"other": []})
     said = fails(tmp_path, "query", "car", "--segment", "street-0")
-    assert "street-0 has no labels with features; run: upvl describe --segment street-0" in said
+    assert "street-0 has no labels with features; run: upvl pool-features --segment street-0" in said
 
 
 def test_a_damaged_shard_is_named(tmp_path: Path) -> None:

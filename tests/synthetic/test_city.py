@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from city_checks import flow_residual_m, projection
+from upvl_cli.datasets.labels import LabelSource
 from upvl_cli.errors import BadInput, BadSetting
 from upvl_cli.geometry.boxes import points_inside
 from upvl_cli.geometry.iou import iou_3d
@@ -21,7 +22,7 @@ from upvl_cli.synthetic.drive import RATE_HZ, CityDrive
 from upvl_cli.synthetic.kinds import KINDS
 from upvl_cli.synthetic.labels import GROUND_NAMES, CityFlow, CityLabels, is_labelled
 from upvl_cli.synthetic.piece import STUFF
-from upvl_cli.types import Dataset, Drive, Labels, LabelSource
+from upvl_cli.types import Boxes, Dataset, Drive, Labels
 
 SHIPPED = CityConfig(**tomllib.loads((Path(__file__).parents[2] / "stages" / "synthetic.toml").read_text()))
 EXACT = replace(SHIPPED, frames=3, noise=0.0)
@@ -133,11 +134,11 @@ def test_boxes_hold_the_points_of_their_things() -> None:
     found = labels()
     here = found[found.frame == 2]
     lost = total = 0
-    for number, seven in zip(here.object_id.astype(int), here.seven, strict=True):
+    # What moves is seen up to 50 ms before or after the frame's time.
+    swept = Boxes(here.center_m, here.size_lwh_m + [1.6, 0.3, 0.1], here.heading_rad)
+    for row, number in enumerate(here.object_id.astype(int)):
         mine = points.xyz_ego_m[(truth.thing == number) & (points.sensor == 0)]
-        # What moves is seen up to 50 ms before or after the frame's time.
-        swept = seven + np.array([0, 0, 0, 1.6, 0.3, 0.1, 0])
-        lost += int((~points_inside(mine, swept[None], margin_m=0.0)[0]).sum()) if len(mine) else 0
+        lost += int((~points_inside(mine, swept[[row]], margin_m=0.0)[0]).sum()) if len(mine) else 0
         total += len(mine)
     assert total > 5000
     assert lost < 0.01 * total
@@ -145,7 +146,7 @@ def test_boxes_hold_the_points_of_their_things() -> None:
 
 def test_no_box_stands_in_another() -> None:
     found = labels()
-    here = found.seven[found.frame == 0]
+    here = Boxes(found.center_m, found.size_lwh_m, found.heading_rad)[found.frame == 0]
     overlap = iou_3d(here, here) - np.eye(len(here))
     assert overlap.max() < 0.02
 
@@ -156,7 +157,7 @@ def test_velocities_of_labels_are_what_they_move() -> None:
     first, second = (found[found.frame == frame] for frame in (0, 1))
     assert (first.object_id == second.object_id).all()
     world = [
-        boxes.seven[:, :3] @ pose[frame, :3, :3].T + pose[frame, :3, 3]
+        boxes.center_m @ pose[frame, :3, :3].T + pose[frame, :3, 3]
         for frame, boxes in enumerate((first, second))
     ]
     moved = (world[1] - world[0]) * RATE_HZ

@@ -7,7 +7,7 @@ import numpy as np
 from upvl_cli.datasets.exact_labels import FrameBoxes, exact_labels
 from upvl_cli.geometry.boxes import pairs_inside, transform
 from upvl_cli.geometry.se3 import inverse, yaw_of
-from upvl_cli.types import Array, Bools, Ints, Labels
+from upvl_cli.types import Array, Bools, Boxes, Ints, Labels
 from world.street import RATE_HZ, StreetDrive, Streets
 
 # Waymo's numbers.
@@ -57,10 +57,9 @@ def _boxes(drive: StreetDrive, frame: int, things: Ints) -> FrameBoxes:
     )
     size_m = np.array([thing.size_lwh_m for thing in chosen])
     middle_m = now[:, :3, 3] + size_m * [0.0, 0.0, 0.5]
-    world = np.concatenate([middle_m, size_m, yaw_of(now)[:, None]], axis=1)
     pose = drive.world_from_ego[frame]
-    seven = transform(world, inverse(pose))
+    boxes = transform(Boxes(middle_m, size_m, yaw_of(now)), inverse(pose))
     velocity_mps = (later - now)[:, :3, 3] @ pose[:3, :3] * RATE_HZ
-    box, _ = pairs_inside(points.xyz_ego_m, seven, margin_m=0.0)
+    box, _ = pairs_inside(points.xyz_ego_m, boxes, margin_m=0.0)
     count = np.bincount(box, minlength=len(things))
-    return FrameBoxes(seven, velocity_mps, count, np.isin(things, truth.object_index))
+    return FrameBoxes(boxes, velocity_mps, count, np.isin(things, truth.object_index))

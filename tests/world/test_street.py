@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 import world
+from upvl_cli.datasets.labels import LabelSource
 from upvl_cli.errors import BadInput
 from upvl_cli.geometry.boxes import points_inside
 from upvl_cli.geometry.iou import iou_bev
 from upvl_cli.geometry.se3 import apply, inverse
-from upvl_cli.types import Dataset, Drive, LabelSource
+from upvl_cli.types import Dataset, Drive
 from world.labels import StreetLabels
 from world.layout import CAR, GROUND, vehicle
 from world.scene import BOX, Motion, Part, Pose, Scene, Thing, solids_at
@@ -29,7 +30,7 @@ from world.labels import StreetLabels
 drive = Streets(frames=2, seeds=(7,)).open("street-7")
 points, truth = drive.points(1), drive.truth(1)
 labels = StreetLabels(frames=2, seeds=(7,)).labels("street-7")
-arrays = points.xyz_ego_m, points.intensity, truth.velocity_mps, drive.image(1, "front").rgb, labels.seven
+arrays = points.xyz_ego_m, points.intensity, truth.velocity_mps, drive.image(1, "front").rgb, labels.to_rows()
 print(hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest())
 """
 

@@ -8,18 +8,19 @@ from pathlib import Path
 import numpy as np
 
 import world
-from upvl_cli.geometry.boxes import transform
+from upvl_cli.geometry.se3 import apply
 from world import street
 from world.labels import StreetLabels
 from world.street import RATE_HZ
 
 
-def count_inside(xyz_m, seven):
-    """Count the points in a box, by the angles and sides of the box alone."""
-    x, y, z = (xyz_m - seven[:3]).T
-    along = np.cos(seven[6]) * x + np.sin(seven[6]) * y
-    across = np.cos(seven[6]) * y - np.sin(seven[6]) * x
-    inside = (abs(along) <= seven[3] / 2) & (abs(across) <= seven[4] / 2) & (abs(z) <= seven[5] / 2)
+def count_inside(xyz_m, box):
+    """Count the points in one box, by the angles and sides of the box alone."""
+    (length, width, height), heading = box.size_lwh_m[0], box.heading_rad[0]
+    x, y, z = (xyz_m - box.center_m[0]).T
+    along = np.cos(heading) * x + np.sin(heading) * y
+    across = np.cos(heading) * y - np.sin(heading) * x
+    inside = (abs(along) <= length / 2) & (abs(across) <= width / 2) & (abs(z) <= height / 2)
     return int(inside.sum())
 
 
@@ -28,8 +29,8 @@ def test_point_counts_are_exact():
     for frame in range(world.FRAMES):
         xyz_m = world.sweep(frame)[0].xyz_ego_m.astype(np.float64)
         now = labels[labels.frame == frame]
-        assert [count_inside(xyz_m, seven) for seven in now.seven] == now.points.tolist()
-    assert labels.points.max() > 1000
+        assert [count_inside(xyz_m, now[[row]]) for row in range(len(now))] == now.num_points.tolist()
+    assert labels.num_points.max() > 1000
 
 
 def test_every_labelled_object_was_seen_and_all_seen_ones_are_labelled():
@@ -58,10 +59,10 @@ def test_a_box_holds_nearly_all_points_of_its_object():
     for frame in range(world.FRAMES):
         points, truth = world.sweep(frame)
         now = labels[labels.frame == frame]
-        for seven, thing, count in zip(now.seven, now.object_id, now.points, strict=True):
+        for row, (thing, count) in enumerate(zip(now.object_id, now.num_points, strict=True)):
             own = points.xyz_ego_m[truth.object_index == int(thing)]
             assert count >= 0.9 * len(own) - 2
-            held += count_inside(own, seven)
+            held += count_inside(own, now[[row]])
     total = sum(
         np.isin(world.sweep(f)[1].object_index, labels.object_id.astype(int)).sum()
         for f in range(world.FRAMES)
@@ -74,9 +75,9 @@ def test_velocity_is_the_way_to_the_next_box():
     for frame in range(world.FRAMES - 1):
         now, later = labels[labels.frame == frame], labels[labels.frame == frame + 1]
         np.testing.assert_array_equal(now.object_id, later.object_id)
-        way_m = transform(later.seven, poses[frame + 1])[:, :3] - transform(now.seven, poses[frame])[:, :3]
+        way_m = apply(poses[frame + 1], later.center_m) - apply(poses[frame], now.center_m)
         np.testing.assert_allclose(now.velocity_mps @ poses[frame][:3, :3].T, way_m * RATE_HZ, atol=1e-9)
-        np.testing.assert_array_equal(now.seven[:, 3:6], later.seven[:, 3:6])
+        np.testing.assert_array_equal(now.size_lwh_m, later.size_lwh_m)
 
 
 def test_parked_cars_have_no_velocity_and_moving_ones_look_where_they_go():
@@ -85,21 +86,22 @@ def test_parked_cars_have_no_velocity_and_moving_ones_look_where_they_go():
     moving = np.array([things[int(each)].motion.speed_mps > 0 for each in labels.object_id])
     assert (labels.velocity_mps[~moving] == 0).all() and (~moving).sum() > 50
     direction = np.arctan2(labels.velocity_mps[moving, 1], labels.velocity_mps[moving, 0])
-    assert np.abs(np.angle(np.exp(1j * (direction - labels.seven[moving, 6])))).max() < 0.02
+    assert np.abs(np.angle(np.exp(1j * (direction - labels.heading_rad[moving])))).max() < 0.02
     assert np.linalg.norm(labels.velocity_mps[moving], axis=1).min() > 1.0
 
 
 def test_boxes_stand_on_the_ground():
     labels, drive = world.labels(), world.drive()
     for frame in range(world.FRAMES):
-        boxes = transform(labels.seven[labels.frame == frame], drive.world_from_ego[frame])
-        height_m = drive.scene.ground.height_m(boxes[:, 0], boxes[:, 1])
-        np.testing.assert_allclose(boxes[:, 2] - boxes[:, 5] / 2, height_m, atol=1e-9)
+        now = labels[labels.frame == frame]
+        x_m, y_m, z_m = apply(drive.world_from_ego[frame], now.center_m).T
+        height_m = drive.scene.ground.height_m(x_m, y_m)
+        np.testing.assert_allclose(z_m - now.size_lwh_m[:, 2] / 2, height_m, atol=1e-9)
 
 
 def test_difficulty_and_type_are_waymo_s():
     labels = world.labels()
-    np.testing.assert_array_equal(labels.difficulty == 2, labels.points <= 5)
+    np.testing.assert_array_equal(labels.difficulty == 2, labels.num_points <= 5)
     number = {"Car": 1, "Truck": 1, "Bus": 1, "Pedestrian": 2, "Cyclist": 4}
     assert labels.type.tolist() == [number[kind] for kind in labels.class_name]
 

@@ -1,4 +1,4 @@
-"""Commands that ask for objects by words."""
+"""Commands that find objects by words."""
 
 from __future__ import annotations
 
@@ -13,9 +13,15 @@ from upvl_cli.errors import BadSetting
 
 On = Annotated[
     str | None,
-    typer.Option(help="labels or detections; detections when left out and there are any.", metavar="WHAT"),
+    typer.Option(
+        help="Which boxes are searched. labels: the auto labels; detections: the boxes of the trained detector. "
+        "Without this option detections are searched where there are any, else labels.",
+        metavar="labels|detections",
+    ),
 ]
-Anyway = Annotated[bool, typer.Option("--anyway", help="Ask for words that are likely misspelt as they are.")]
+Anyway = Annotated[
+    bool, typer.Option("--anyway", help="Accept words that are likely misspelt, as they are written.")
+]
 
 
 WIDE = 200  # columns where no terminal says how many there are: no name of a drive is cut
@@ -24,43 +30,75 @@ WIDE = 200  # columns where no terminal says how many there are: no name of a dr
 @app.command()
 def query(
     context: typer.Context,
-    phrases: Annotated[list[str] | None, typer.Argument(help='What to find: "fire truck".')] = None,
+    phrases: Annotated[
+        list[str] | None,
+        typer.Argument(help='Phrases to find, such as "fire truck"; commas separate several.'),
+    ] = None,
     classes: Annotated[
-        Path | None, typer.Option(help="TOML file with classes of several words each, and negatives.")
+        Path | None,
+        typer.Option(help="TOML file of classes with several words each, and optional negatives."),
     ] = None,
     on: On = None,
     moving: Annotated[
-        bool | None, typer.Option("--moving/--parked", help="Only what moves, or only what does not.")
+        bool | None,
+        typer.Option(
+            "--moving/--parked",
+            help="Search only moving or only parked objects; moving is a speed of at least moving_mps of query.toml.",
+        ),
     ] = None,
-    min_speed: Annotated[float | None, typer.Option(help="At least this fast (m/s).")] = None,
-    max_speed: Annotated[float | None, typer.Option(help="At most this fast (m/s).")] = None,
-    max_range: Annotated[float | None, typer.Option(help="At most this far from the car (m).")] = None,
+    min_speed: Annotated[
+        float | None, typer.Option(help="Minimum horizontal speed of an object over the ground (m/s).")
+    ] = None,
+    max_speed: Annotated[
+        float | None, typer.Option(help="Maximum horizontal speed of an object over the ground (m/s).")
+    ] = None,
+    max_range: Annotated[
+        float | None, typer.Option(help="Maximum horizontal distance of an object from the car (m).")
+    ] = None,
     segment: Segments = None,
     from_s: Annotated[
-        float | None, typer.Option("--from", help="Not before this time after the start of the drive (s).")
+        float | None, typer.Option("--from", help="Earliest time after the first frame of a drive (s).")
     ] = None,
     to_s: Annotated[
-        float | None, typer.Option("--to", help="Not after this time after the start of the drive (s).")
+        float | None, typer.Option("--to", help="Latest time after the first frame of a drive (s).")
     ] = None,
-    min_score: Annotated[float | None, typer.Option(help="Least confidence of the box itself.")] = None,
+    min_score: Annotated[
+        float | None, typer.Option(help="Minimum confidence of a box itself, from 0 to 1.")
+    ] = None,
     threshold: Annotated[
-        float | None, typer.Option(help="Least score of a hit: share of the votes times confidence.")
+        float | None,
+        typer.Option(
+            help="Minimum score of a hit, from 0 to 1: the share of the votes times the confidence of the box."
+        ),
     ] = None,
-    top: Annotated[int | None, typer.Option(help="Lines of the table.")] = None,
-    by: Annotated[str, typer.Option(help="vote of the points of a box, or its mean feature: mean.")] = "vote",
+    top: Annotated[int | None, typer.Option(help="Maximum number of lines in the table.")] = None,
+    by: Annotated[
+        str | None,
+        typer.Option(
+            help="What classifies a box. vote: each of its points votes for the nearest word; mean: the mean feature "
+            "of the box is compared with the words.",
+            metavar="vote|mean",
+        ),
+    ] = None,
     search: Annotated[
-        bool, typer.Option("--search", help="Rank all objects first, and ask only the most promising.")
-    ] = False,
-    sheet: Annotated[bool, typer.Option("--sheet/--no-sheet", help="Draw the hits.")] = True,
+        bool | None,
+        typer.Option(
+            "--search/--no-search",
+            help="Rank all objects by their mean feature first, and classify only the best of them.",
+        ),
+    ] = None,
+    sheet: Annotated[
+        bool, typer.Option("--sheet/--no-sheet", help="Draw the best hits into one picture.")
+    ] = True,
     anyway: Anyway = False,
 ) -> None:
-    """Find objects by words: a table, out/query/*.parquet with all hits, and a picture of the best."""
-    from upvl_cli.query.classes import of_file, of_phrases
-    from upvl_cli.query.find import Filters
+    """Find objects by words: print a table, write out/query/*.parquet with all hits, and draw the best."""
+    from upvl_cli.query.classes import classes_from_file, classes_from_phrases
+    from upvl_cli.query.filters import Filters
     from upvl_cli.query.run import Request
     from upvl_cli.query.run import query as answer
 
-    if by not in ("vote", "mean"):
+    if by not in (None, "vote", "mean"):
         raise BadSetting(f"--by {by}: expected vote or mean")
     if classes and phrases:
         raise BadSetting(
@@ -76,17 +114,15 @@ def query(
         to_s=to_s,
         min_confidence=min_score,
     )
-    given = {"threshold": threshold, "top": top}
-    wanted = of_file(classes) if classes else of_phrases(phrases or [])
+    given = {"threshold": threshold, "top": top, "by": by, "search": search}
+    queried = classes_from_file(classes) if classes else classes_from_phrases(phrases or [])
     request = Request(
-        classes=wanted,
-        name=classes.stem if classes else " ".join(wanted.words),
-        on=on,
+        classes=queried,
+        name=classes.stem if classes else " ".join(queried.words),
+        source=on,
         filters=filters,
-        by=by,
-        search=search,
         sheet=sheet,
-        anyway=anyway,
+        check_spelling=not anyway,
         values={name: value for name, value in given.items() if value is not None},
     )
     _print(answer(context.obj, request))
@@ -95,16 +131,19 @@ def query(
 @app.command()
 def words(
     context: typer.Context,
-    listed: Annotated[str, typer.Argument(metavar="WORDS", help='The words: "car, fire truck, tram".')],
+    listed: Annotated[
+        str, typer.Argument(metavar="WORDS", help='The words, separated by commas: "car, fire truck, tram".')
+    ],
     on: On = None,
     segment: Segments = None,
     anyway: Anyway = False,
 ) -> None:
-    """Show how objects fall to words, and to which other words they fall without each: to choose words."""
-    from upvl_cli.query.classes import of_phrases
-    from upvl_cli.query.words import compare
+    """Count the boxes that each word wins, and the words that would win them without it: to choose words."""
+    from upvl_cli.query.classes import classes_from_phrases
+    from upvl_cli.query.words import compare_words
 
-    _print(compare(context.obj, of_phrases([listed]), on, segment or (), anyway=anyway))
+    classes = classes_from_phrases([listed])
+    _print(compare_words(context.obj, classes, on, segment or (), check_spelling=not anyway))
 
 
 def _print(items: Iterable[Any]) -> None:

@@ -6,12 +6,11 @@ Another package adds labels by entry points in the groups `upvl.labels` and `upv
 from __future__ import annotations
 
 from collections.abc import Callable
-from importlib.metadata import entry_points
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from upvl_cli.datasets.labels import LabelSource
-from upvl_cli.errors import BadInput
+from upvl_cli.errors import BadInput, BadSetting, one_line
 
 if TYPE_CHECKING:
     from upvl_cli.datasets.flow_truth import FlowTruth
@@ -42,7 +41,7 @@ def _city_flow(root: Path, dataset: Any) -> FlowSource:
     return CityFlow(dataset)
 
 
-# Of the folder that raw.toml names and the opened dataset.
+# Each takes the folder that raw.toml names and the opened dataset.
 LABELS: dict[str, Callable[[Path, Any], LabelSource]] = {"kitti": _kitti, "synthetic": _city}
 TRUE_FLOW: dict[str, Callable[[Path, Any], FlowSource]] = {"synthetic": _city_flow}
 
@@ -52,6 +51,7 @@ def label_source(name: str, root: Path, dataset: Any) -> LabelSource:
 
     Raises:
         BadInput: The dataset has no adapter for labels.
+        BadSetting: The package that adds the labels cannot be loaded.
     """
     opener = LABELS.get(name) or _added("upvl.labels", name)
     if opener is None:
@@ -63,13 +63,29 @@ def label_source(name: str, root: Path, dataset: Any) -> LabelSource:
 
 
 def flow_source(name: str, root: Path, dataset: Any) -> FlowSource | None:
-    """Return the true flow of a dataset; None where nobody knows it."""
+    """Return the true flow of a dataset; None where nobody knows it.
+
+    Raises:
+        BadSetting: The package that adds the flow cannot be loaded.
+    """
     opener = TRUE_FLOW.get(name) or _added("upvl.true_flow", name)
     return opener(root, dataset) if opener else None
 
 
 def _added(group: str, name: str) -> Callable[[Path, Any], Any] | None:
     """Return what an installed package adds under a name."""
-    found = [entry for entry in entry_points(group=group) if entry.name == name]
-    opener: Callable[[Path, Any], Any] | None = found[0].load() if found else None
-    return opener
+    from importlib.metadata import entry_points  # slow to import, and seldom needed
+
+    entry = next((entry for entry in entry_points(group=group) if entry.name == name), None)
+    if entry is None:
+        return None
+    what = group.rpartition(".")[2].replace("_", " ")
+    try:
+        opener = entry.load()
+    except (ImportError, AttributeError) as error:
+        raise BadSetting(
+            f"the package that adds {what} of dataset {name!r} cannot be loaded: {one_line(error)}"
+        ) from error
+    if not callable(opener):
+        raise BadSetting(f"the {what} of dataset {name!r} are a {type(opener).__name__}, expected a function")
+    return cast("Callable[[Path, Any], Any]", opener)

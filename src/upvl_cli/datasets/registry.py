@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from upvl_cli.config.base import Config
-from upvl_cli.errors import BadSetting
+from upvl_cli.errors import BadSetting, one_line
 from upvl_cli.synthetic.config import CityConfig
 
 if TYPE_CHECKING:
@@ -44,8 +44,9 @@ def _synthetic(root: Path, config: CityConfig) -> Dataset:
     try:
         from upvl_cli.synthetic.dataset import City
     except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
         raise BadSetting(
-            f"the dataset synthetic needs the package {error.name}; run: pip install 'upvl[synthetic]', "
+            f"the dataset synthetic needs the package {package}; run: pip install 'upvl[synthetic]', "
             "or name drives of your own in stages/raw.toml"
         ) from None
     return City(config)
@@ -79,9 +80,9 @@ def dataset_family(name: str) -> DatasetFamily:
 def _loaded(name: str, load: Callable[[], Any]) -> DatasetFamily:
     try:
         found = load()
-    except ImportError as error:
+    except (ImportError, AttributeError) as error:
         raise BadSetting(
-            f"raw.toml: the package that adds dataset {name!r} cannot be loaded: {error}"
+            f"raw.toml: the package that adds dataset {name!r} cannot be loaded: {one_line(error)}"
         ) from error
     if not isinstance(found, DatasetFamily):
         raise BadSetting(f"raw.toml: dataset {name!r} is a {type(found).__name__}, expected a DatasetFamily")

@@ -152,8 +152,11 @@ def unpack_box_row(
         scalars: Values of the frame, as `scalars_of` gave them.
     """
     boxes = columns.num_rows
-    values: dict[str, Any] = {"segment": segment, "frame": frame, **scalars}
-    for name, spec in columns_of(row).items():
+    declared = columns_of(row)
+    # A row may declare fewer columns than the table has.
+    known = {name: value for name, value in scalars.items() if name in declared}
+    values: dict[str, Any] = {"segment": segment, "frame": frame, **known}
+    for name, spec in declared.items():
         if spec.split:
             parts = [_flat(columns.column(part), spec) for part in spec.split]
             values[name] = np.column_stack(parts) if boxes else np.zeros((0, *spec.shape), spec.type)

@@ -1,4 +1,4 @@
-"""What is asked for: classes of words, from phrases or from a TOML file."""
+"""The classes of a query: words from phrases or from a TOML file."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ EXAMPLE = '[truck] words = ["truck", "lorry"]'
 
 @dataclass(frozen=True)
 class Classes:
-    """Classes of words.
+    """Classes, each described by one or more words.
 
     Attributes:
         words: The words of each class, by its name.
-        negatives: What they compete with; None leaves that to the settings of the workspace.
+        negatives: Words of other things, which compete with the classes; None takes the default negatives.
     """
 
     words: dict[str, tuple[str, ...]]
@@ -29,11 +29,11 @@ class Classes:
     @property
     def all_words(self) -> tuple[str, ...]:
         """The words of all classes, in order."""
-        return tuple(word for some in self.words.values() for word in some)
+        return tuple(word for class_words in self.words.values() for word in class_words)
 
 
-def of_phrases(phrases: Sequence[str]) -> Classes:
-    """One class a phrase; commas part several phrases.
+def classes_from_phrases(phrases: Sequence[str]) -> Classes:
+    """Return one class for each phrase; a comma separates phrases.
 
     Raises:
         BadSetting: There is no phrase, or an empty one.
@@ -48,17 +48,17 @@ def of_phrases(phrases: Sequence[str]) -> Classes:
     return Classes({phrase: (phrase,) for phrase in split}, None)
 
 
-def of_file(path: Path) -> Classes:
-    """The classes of a TOML file: a table each, with its words, and perhaps negatives.
+def classes_from_file(path: Path) -> Classes:
+    """Return the classes of a TOML file: one table a class with its words, and optional negatives.
 
     Raises:
-        BadSetting: The file is missing or is no such file; all faults in one message.
+        BadSetting: The file is missing or has another form; all faults in one message.
     """
     if not path.is_file():
         raise BadSetting(f"{path} is missing; expected a file of classes, for example: {EXAMPLE}")
     tables = read_toml(path)
-    # TOML takes a list that follows a table for the table's own: both places mean the same.
-    negatives = {"negatives": tables.pop("negatives", [])}
+    # TOML reads a list that follows a table as part of that table: both positions mean the same here.
+    negatives: dict[str, Any] = {"negatives": tables.pop("negatives", [])}
     words: dict[str, Any] = {}
     faults = [] if tables else [f"it has no class; expected for example: {EXAMPLE}"]
     for name, table in tables.items():
@@ -69,28 +69,29 @@ def of_file(path: Path) -> Classes:
         faults += [f"unknown key {key} (known: words, negatives)" for key in unknown]
         words[name] = table.get("words", [])
         negatives[f"{name}.negatives"] = table.get("negatives", [])
-    faults += [fault for name, some in words.items() for fault in _faults(f"{name}.words", some, least=1)]
-    faults += [fault for name, some in negatives.items() for fault in _faults(name, some, least=0)]
+    faults += [fault for name, listed in words.items() for fault in _list_faults(f"{name}.words", listed, 1)]
+    faults += [fault for name, listed in negatives.items() for fault in _list_faults(name, listed, 0)]
     if not faults:
-        against = tuple(word.strip() for some in negatives.values() for word in some)
+        negative_words = tuple(word.strip() for listed in negatives.values() for word in listed)
         classes = Classes(
-            {name: tuple(word.strip() for word in some) for name, some in words.items()}, against or None
+            {name: tuple(word.strip() for word in listed) for name, listed in words.items()},
+            negative_words or None,
         )
-        faults = _twice([*classes.all_words, *against])
+        faults = _duplicate_faults([*classes.all_words, *negative_words])
     if faults:
         raise BadSetting(f"{path}: {'; '.join(faults)}")
     return classes
 
 
-def _faults(name: str, words: Any, *, least: int) -> list[str]:
-    if not isinstance(words, list) or len(words) < least:
+def _list_faults(name: str, words: Any, min_words: int) -> list[str]:
+    if not isinstance(words, list) or len(words) < min_words:
         return [f"{name} must be a list of words"]
     if not all(isinstance(word, str) and word.strip() for word in words):
         return [f"{name} must be texts, none of them empty"]
     return []
 
 
-def _twice(words: Sequence[str]) -> list[str]:
+def _duplicate_faults(words: Sequence[str]) -> list[str]:
     return [
         f"{word!r} stands {times} times; a word can be one thing only"
         for word, times in Counter(words).items()

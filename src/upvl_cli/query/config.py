@@ -1,8 +1,9 @@
-"""What is chosen in a query."""
+"""Settings of text queries."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from upvl_cli.config.base import Config, setting
 
@@ -11,8 +12,36 @@ from upvl_cli.config.base import Config, setting
 class QueryConfig(Config):
     """Settings of `query` and `words`."""
 
-    top: int = setting("lines of the table: a track or a box without one each", ge=1, le=10**6)
-    candidates: int = setting("objects that vote in a search, one box each", ge=1, le=10**6)
-    threshold: float = setting("a hit has at least this score", ge=0, le=1)
-    same: float = setting("what a phrase competes with has no word this near to it, as a cosine", ge=-1, le=2)
-    moving_mps: float = setting("an object moves from this speed on", "m/s", ge=0.001, le=200)
+    by: Literal["vote", "mean"] = setting(
+        "what classifies a box: vote lets each of its points vote for the word of highest cosine, mean compares "
+        "the mean feature of the box"
+    )
+    search: bool = setting(
+        "whether all objects are ranked by their mean feature first, and only the best candidates classified"
+    )
+    candidates: int = setting(
+        "number of objects, one box each, that a search classifies after the ranking", ge=1, le=10**6
+    )
+    threshold: float = setting(
+        "minimum score of a hit, where the score is the share of the votes times the confidence of the box",
+        ge=0,
+        le=1,
+    )
+    top: int = setting(
+        "number of lines of the table; a line shows the best box of a track, or a box without a track",
+        ge=1,
+        le=10**6,
+    )
+    synonym_cosine: float = setting(
+        "minimum cosine at which a default negative counts as a synonym of a queried word and does not compete",
+        ge=-1,
+        le=2,
+    )
+    hypernym_cosine: float = setting(
+        "minimum cosine at which the model cannot distinguish a queried word (fire truck) from a more general "
+        "negative (truck), which then does not compete; at least synonym_cosine is used",
+        ge=-1,
+        le=2,
+    )
+    moving_mps: float = setting("minimum speed of a moving object", "m/s", ge=0.001, le=200)
+    sheet_objects: int = setting("number of objects in the picture of the best hits", ge=1, le=1000)

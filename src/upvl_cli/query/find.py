@@ -1,9 +1,9 @@
-"""Finds what is asked for: filters, perhaps a ranking of all objects, then the vote of the points."""
+"""Find the boxes that a query asks for: filters, an optional ranking of all objects, then the vote of the points."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,73 +11,35 @@ import numpy as np
 from upvl_cli.errors import BadInput
 from upvl_cli.perception.visual.open_vocabulary import Basis
 from upvl_cli.pipeline.tables import Table
-from upvl_cli.query.index import Objects, drives, joined
-from upvl_cli.query.question import Question
+from upvl_cli.query.config import QueryConfig
+from upvl_cli.query.filters import Filters
+from upvl_cli.query.index import Objects, indexed_objects
 from upvl_cli.query.store import Store
-from upvl_cli.query.votes import NONE, Answers, first_of_each, rank, vote
+from upvl_cli.query.vocabulary import Vocabulary
+from upvl_cli.query.votes import NO_CLASS, VoteResult, best_of_groups, ranking_score, vote
 from upvl_cli.runtime.parallel import in_order
 from upvl_cli.stages.rows import PointFeatureRow
-from upvl_cli.types import Array, Bools, Floats, Ints, ParallelArrays, array
-
-
-@dataclass(frozen=True)
-class Filters:
-    """Which objects count, whatever they are; None sets no bound.
-
-    Attributes:
-        segments: The drives; empty takes all.
-        moving: Moving or parked ones only.
-        moving_mps: Moving is what is at least this fast.
-        min_speed_mps: Bound of the speed over the ground.
-        max_speed_mps: The other bound.
-        max_range_m: Bound of the distance from the car.
-        from_s: Bound of the time since the start of the drive.
-        to_s: The other bound.
-        min_confidence: Bound of the confidence of the box.
-    """
-
-    segments: Collection[str] = ()
-    moving: bool | None = None
-    moving_mps: float = 0.0
-    min_speed_mps: float | None = None
-    max_speed_mps: float | None = None
-    max_range_m: float | None = None
-    from_s: float | None = None
-    to_s: float | None = None
-    min_confidence: float | None = None
-
-    def keep(self, objects: Objects) -> Bools:
-        """(n,) which of them pass."""
-        speed, kept = objects.speed_mps, np.ones(len(objects), dtype=np.bool_)
-        if self.moving is not None:
-            kept &= (speed >= self.moving_mps) == self.moving
-        for values, least, most in (
-            (speed, self.min_speed_mps, self.max_speed_mps),
-            (objects.range_m, None, self.max_range_m),
-            (objects.time_s, self.from_s, self.to_s),
-            (objects.confidence, self.min_confidence, None),
-        ):
-            kept &= True if least is None else values >= least
-            kept &= True if most is None else values <= most
-        return kept
+from upvl_cli.types import Array, Bools, Floats, Ints, ParallelArrays, array, concat
 
 
 @dataclass(frozen=True)
 class Hits(ParallelArrays):
-    """Boxes that are what was asked for, best first.
+    """Boxes of a queried class, best first, in single precision.
 
     Attributes:
         segment: (n,) name of the drive.
         frame: (n,) index of the frame.
-        box: (n,) place of the box in its frame.
+        box: (n,) row of the box in its frame.
         track_id: (n,) number of the track, -1 for none.
-        time_s: (n,) since the first frame of the drive.
-        seven: (n, 7) the box, in ego axes.
-        velocity_mps: (n, 3) over the ground along the ego axes.
-        confidence: (n,) of the box itself, 0 to 1.
-        points: (n,) points with a feature in the box.
-        kind: (n,) number of the class.
-        word: (n,) number of the word.
+        time_s: (n,) time since the first frame of the drive.
+        center_m: (n, 3) centre, in ego axes.
+        size_lwh_m: (n, 3) length, width and height.
+        heading_rad: (n,) direction of the length, in ego axes.
+        velocity_mps: (n, 3) velocity over the ground along the ego axes.
+        confidence: (n,) score of the box itself, 0 to 1.
+        num_features: (n,) points of the box that have a feature.
+        class_index: (n,) number of the class in the vocabulary.
+        word_index: (n,) number of the word in the vocabulary.
         share: (n,) share of the votes that the class has.
         cosine: (n,) mean cosine of the votes for the class.
         score: (n,) share times confidence.
@@ -88,178 +50,194 @@ class Hits(ParallelArrays):
     box: Array = array("int32")
     track_id: Array = array("int64")
     time_s: Array = array("float64")
-    seven: Array = array("float32", 7)
+    center_m: Array = array("float32", 3)
+    size_lwh_m: Array = array("float32", 3)
+    heading_rad: Array = array("float32")
     velocity_mps: Array = array("float32", 3)
     confidence: Array = array("float32")
-    points: Array = array("int32")
-    kind: Array = array("int32")
-    word: Array = array("int32")
+    num_features: Array = array("int32")
+    class_index: Array = array("int32")
+    word_index: Array = array("int32")
     share: Array = array("float32")
     cosine: Array = array("float32")
     score: Array = array("float32")
 
 
 @dataclass(frozen=True)
-class Found:
-    """What a query found, and what became of all other stored boxes."""
+class QueryResult:
+    """The hits of a query, and how many boxes there were in all ("boxes") and of each fate, "hits" among them."""
 
     hits: Hits
     counts: Counter[str]
 
 
-def find(
-    store: Store,
-    question: Question,
-    filters: Filters,
-    *,
-    threshold: float,
-    by: str = "vote",
-    candidates: int | None = None,
-) -> Found:
-    """Ask all stored objects.
+@dataclass(frozen=True)
+class Candidates:
+    """The boxes of one drive that are to be classified.
+
+    Attributes:
+        segment: Name of the drive.
+        objects: All n boxes of the drive.
+        rows: (k,) which of them, ascending.
+    """
+
+    segment: str
+    objects: Objects
+    rows: Ints
+
+
+def find(store: Store, vocabulary: Vocabulary, filters: Filters, config: QueryConfig) -> QueryResult:
+    """Return the boxes whose class is queried and whose score reaches the threshold, best first.
 
     Args:
-        store: Where they are.
-        question: What is asked.
-        filters: Which of them count.
-        threshold: A hit has at least this score.
-        by: "vote" of the points, or "mean" feature of the box.
-        candidates: Rank by mean feature first, and ask only so many, one box a track; None asks all.
+        store: The stored boxes.
+        vocabulary: The queried words and the negatives.
+        filters: Which boxes are considered.
+        config: How they are classified, and the threshold.
 
     Raises:
-        BadInput: No stored object has any feature.
+        BadInput: No stored box has any feature.
     """
     counts: Counter[str] = Counter()
     parts = []
-    for name, objects, answers in answered(store, question, filters, by, candidates, counts):
-        score = answers.share * objects.confidence
-        asked = (answers.kind != NONE) & (answers.kind < len(question.names))
-        hit = asked & (score >= threshold)
-        counts["other words"] += int((answers.kind != NONE).sum() - asked.sum())
-        counts["below the threshold"] += int((asked & (score < threshold)).sum())
+    candidates = _candidates(store, vocabulary, filters, config, counts)
+    for chosen, votes in zip(candidates, _classify(store, vocabulary, candidates, config), strict=True):
+        objects = chosen.objects[chosen.rows]
+        score = votes.share * objects.confidence
+        is_queried = (votes.class_index != NO_CLASS) & (votes.class_index < len(vocabulary.class_names))
+        hit = is_queried & (score >= config.threshold)
+        counts["other words"] += int((votes.class_index != NO_CLASS).sum() - is_queried.sum())
+        counts["below the threshold"] += int((is_queried & (score < config.threshold)).sum())
         counts["hits"] += int(hit.sum())
-        parts.append(_hits(name, objects, answers, hit))
-    hits = joined(Hits, parts)
-    return Found(hits[np.lexsort((hits.box, hits.frame, hits.segment, -hits.cosine, -hits.score))], counts)
+        parts.append(_hits(chosen.segment, objects, votes, hit))
+    hits = concat(parts, Hits)
+    best_first = np.lexsort((hits.box, hits.frame, hits.segment, -hits.cosine, -hits.score))
+    return QueryResult(hits[best_first], counts)
 
 
-def _hits(name: str, objects: Objects, answers: Answers, hit: Bools) -> Hits:
-    of = objects[hit]
-    share = answers.share[hit]
+def _hits(segment: str, objects: Objects, votes: VoteResult, hit: Bools) -> Hits:
+    boxes, share = objects[hit], votes.share[hit]
     return Hits(
-        segment=np.full(len(of), name),
-        frame=of.frame,
-        box=of.box,
-        track_id=of.track_id,
-        time_s=of.time_s,
-        seven=of.seven,
-        velocity_mps=of.velocity_mps,
-        confidence=of.confidence,
-        points=of.points,
-        kind=answers.kind[hit],
-        word=answers.word[hit],
+        segment=np.full(len(boxes), segment),
+        frame=boxes.frame,
+        box=boxes.box,
+        track_id=boxes.track_id,
+        time_s=boxes.time_s,
+        center_m=boxes.center_m,
+        size_lwh_m=boxes.size_lwh_m,
+        heading_rad=boxes.heading_rad,
+        velocity_mps=boxes.velocity_mps,
+        confidence=boxes.confidence,
+        num_features=boxes.num_features,
+        class_index=votes.class_index[hit],
+        word_index=votes.word_index[hit],
         share=share,
-        cosine=answers.cosine[hit],
-        score=share * of.confidence,
+        cosine=votes.cosine[hit],
+        score=share * boxes.confidence,
     )
 
 
-Kept = list[tuple[str, Objects, Ints]]
-
-
-def answered(
-    store: Store,
-    question: Question,
-    filters: Filters,
-    by: str,
-    candidates: int | None,
-    counts: Counter[str],
-) -> Iterator[tuple[str, Objects, Answers]]:
-    """The objects of each drive that count and have features, with what they are; see `find`."""
-    kept: Kept = []
+def _candidates(
+    store: Store, vocabulary: Vocabulary, filters: Filters, config: QueryConfig, counts: Counter[str]
+) -> list[Candidates]:
+    """Return the boxes to classify, by drive; drives without any are left out, and `counts` grows by the rest."""
+    candidates: list[Candidates] = []
     featured = 0
-    for name, objects in drives(store):
+    for segment, objects in indexed_objects(store):
         counts["boxes"] += len(objects)
-        featured += int((objects.points > 0).sum())
-        if filters.segments and name not in filters.segments:
+        has_features = objects.num_features > 0
+        featured += int(has_features.sum())
+        if not filters.includes(segment):
             counts["other drives"] += len(objects)
             continue
-        keep = filters.keep(objects)
-        counts["filtered out"] += int((~keep).sum())
-        counts["without points"] += int((keep & (objects.points == 0)).sum())
-        kept.append((name, objects, np.flatnonzero(keep & (objects.points > 0))))
+        passes = filters.mask(objects, config.moving_mps)
+        counts["filtered out"] += int((~passes).sum())
+        counts["without points"] += int((passes & ~has_features).sum())
+        candidates.append(Candidates(segment, objects, np.flatnonzero(passes & has_features)))
     if counts["boxes"] and not featured:
         raise BadInput(
-            f"none of the {store.on} has a feature, for no camera was used; run: upvl autolabel --all-motion"
+            f"none of the {store.source} has a feature, for no camera was used; run: upvl autolabel --all-motion"
         )
-    if candidates is not None:
-        total = sum(len(places) for *_, places in kept)
-        kept = _promising(store, question, kept, candidates)
-        counts["not ranked high enough"] += total - sum(len(places) for *_, places in kept)
-    ask = _by_points if by == "vote" else _by_mean
-    asked = [(name, objects[places]) for name, objects, places in kept if len(places)]
-    for (name, objects), answers in zip(asked, ask(store, question, asked), strict=True):
-        yield name, objects, answers
+    if config.search:
+        total = sum(len(chosen.rows) for chosen in candidates)
+        candidates = _best_ranked(store, vocabulary, candidates, config.candidates)
+        counts["not ranked high enough"] += total - sum(len(chosen.rows) for chosen in candidates)
+    return [chosen for chosen in candidates if len(chosen.rows)]
 
 
-def _promising(store: Store, question: Question, kept: Kept, candidates: int) -> Kept:
-    """The best box of each of the best tracks of all drives, by mean feature."""
+def _best_ranked(
+    store: Store, vocabulary: Vocabulary, candidates: Sequence[Candidates], limit: int
+) -> list[Candidates]:
+    """Return the best box of each of the best tracks of all drives, ranked by mean feature."""
 
-    def ranked(of: tuple[str, Objects, Ints]) -> Floats:
-        _, objects, places = of
-        return rank(store.basis.cosines(objects.pooled[places], question.vectors), question.asked)
+    def ranked(chosen: Candidates) -> Floats:
+        cosines = store.basis.cosines(chosen.objects.pooled[chosen.rows], vocabulary.vectors)
+        return ranking_score(cosines, vocabulary.is_queried)
 
-    none = np.zeros(0, dtype=np.int64)
-    score: list[Array] = [none, *in_order(ranked, kept)]
-    group: list[Array] = [none]
-    drive: list[Array] = [none]
-    for number, (_, objects, places) in enumerate(kept):
-        track = objects.track_id[places]
-        group.append(np.where(track < 0, -1, track * len(kept) + number))
-        drive.append(np.full(len(places), number))
-    best = first_of_each(np.concatenate(score), np.concatenate(group), candidates)
-    of_drive, place = (
-        np.concatenate(drive)[best],
-        np.concatenate([none, *(places for *_, places in kept)])[best],
-    )
+    if not candidates:
+        return []
+    score = np.concatenate(list(in_order(ranked, candidates)))
+    rows = np.concatenate([chosen.rows for chosen in candidates])
+    drive = np.repeat(np.arange(len(candidates)), [len(chosen.rows) for chosen in candidates])
+    track = np.concatenate([chosen.objects.track_id[chosen.rows] for chosen in candidates])
+    # Track numbers are those of a drive: two drives share none.
+    group = np.where(track < 0, -1, track * len(candidates) + drive)
+    best = best_of_groups(score, group, limit)
     return [
-        (name, objects, np.sort(place[of_drive == number])) for number, (name, objects, _) in enumerate(kept)
+        Candidates(chosen.segment, chosen.objects, np.sort(rows[best][drive[best] == number]))
+        for number, chosen in enumerate(candidates)
     ]
 
 
-def _by_mean(store: Store, question: Question, asked: Sequence[tuple[str, Objects]]) -> Iterator[Answers]:
-    for _, objects in asked:
-        cosines = store.basis.cosines(objects.pooled, question.vectors)
-        yield vote(cosines, np.arange(len(objects)), len(objects), question.kind_of_word)
-
-
-def _by_points(store: Store, question: Question, asked: Sequence[tuple[str, Objects]]) -> Iterator[Answers]:
-    opened = in_order(lambda of: table_of_points(store, of[0]), asked)
-    for table, (_, objects) in zip(opened, asked, strict=True):
-        parts = [
-            vote(cosines, of_box, boxes, question.kind_of_word)
-            for boxes, of_box, cosines in points_of(table, store.basis, question, objects)
+def _classify(
+    store: Store, vocabulary: Vocabulary, candidates: Sequence[Candidates], config: QueryConfig
+) -> Iterator[VoteResult]:
+    """Yield the classes of the boxes of each drive."""
+    if config.by == "mean":
+        for chosen in candidates:
+            cosines = store.basis.cosines(chosen.objects.pooled[chosen.rows], vocabulary.vectors)
+            total = len(chosen.rows)
+            yield vote(cosines, np.arange(total), total, vocabulary.class_of_word)
+        return
+    tables = in_order(lambda chosen: point_features(store, chosen.segment), candidates)
+    for table, chosen in zip(tables, candidates, strict=True):
+        frames = [
+            vote(cosines, box_of_point, boxes, vocabulary.class_of_word)
+            for boxes, box_of_point, cosines in cosines_by_frame(
+                table, store.basis, vocabulary, chosen.objects[chosen.rows]
+            )
         ]
-        fields = ("kind", "word", "share", "cosine")
-        yield Answers(*(np.concatenate([getattr(part, field) for part in parts]) for field in fields))
+        names = ("class_index", "word_index", "share", "cosine")
+        yield VoteResult(*(np.concatenate([getattr(frame, name) for frame in frames]) for name in names))
 
 
-def table_of_points(store: Store, name: str) -> Table[PointFeatureRow]:
-    """The points of the boxes of a drive, by frame."""
-    return Table(store.paths[name], PointFeatureRow)
+def point_features(store: Store, segment: str) -> Table[PointFeatureRow]:
+    """Return the features of the points of the boxes of a drive, by frame."""
+    return Table(store.paths[segment], PointFeatureRow)
 
 
-def points_of(
-    table: Table[PointFeatureRow], basis: Basis, question: Question, objects: Objects
+def cosines_by_frame(
+    table: Table[PointFeatureRow], basis: Basis, vocabulary: Vocabulary, objects: Objects
 ) -> Iterator[tuple[int, Ints, Array]]:
-    """Of the objects of a drive, frame by frame: how many, the object of each point, its cosines with all words."""
+    """Yield, for each frame of some boxes of a drive, the cosines of their points with all words.
 
-    def of_frame(of: tuple[int, Ints]) -> tuple[int, Ints, Array]:
-        frame, boxes = of
+    Args:
+        table: The features of the points of the drive.
+        basis: Their basis.
+        vocabulary: The t words.
+        objects: The boxes, ascending by frame and row.
+
+    Yields:
+        How many boxes of the frame are asked for; (n,) the box of each of their points, numbered within the frame's
+        boxes; (n, t) the cosines.
+    """
+
+    def cosines_of_frame(frame_and_boxes: tuple[int, Ints]) -> tuple[int, Ints, Array]:
+        frame, boxes = frame_and_boxes
         features = table[frame].point_feature
-        of_box = np.searchsorted(boxes, features.owner)
-        inside = boxes[np.minimum(of_box, len(boxes) - 1)] == features.owner
-        return len(boxes), of_box[inside], basis.cosines(features.values[inside], question.vectors)
+        box_of_point = np.searchsorted(boxes, features.owner)
+        inside = boxes[np.minimum(box_of_point, len(boxes) - 1)] == features.owner
+        return len(boxes), box_of_point[inside], basis.cosines(features.values[inside], vocabulary.vectors)
 
     frames, first = np.unique(objects.frame, return_index=True)
-    return in_order(of_frame, zip(frames.tolist(), np.split(objects.box, first[1:]), strict=True))
+    return in_order(cosines_of_frame, zip(frames.tolist(), np.split(objects.box, first[1:]), strict=True))

@@ -1,11 +1,10 @@
-"""What a query found: as a table for the terminal, and as a file."""
+"""The result of a query as a table for the terminal and as a Parquet file."""
 
 from __future__ import annotations
 
 import hashlib
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -13,94 +12,117 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from rich.table import Table
 
-from upvl_cli.query.find import Found, Hits
-from upvl_cli.query.question import Question
+from upvl_cli.query.find import Hits, QueryResult
+from upvl_cli.query.vocabulary import Vocabulary
 from upvl_cli.runtime.atomic import atomic_file
-from upvl_cli.types import Ints
+from upvl_cli.types import Array, Ints
 
-LONGEST = 60  # letters of a file name
-TOLD = ("boxes", "hits")  # counts that the summary tells in words of its own
+MAX_SLUG_LETTERS = 60
+HEADLINE_COUNTS = ("boxes", "hits")  # the summary states these first
 
 
 def slug(text: str) -> str:
-    """A file name for a text: lower case letters, digits and dashes; two texts have two names."""
-    name = re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")[:LONGEST].strip("-")
+    """Return a file name for a text: lower case letters, digits and dashes; two texts have two names."""
+    name = re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")[:MAX_SLUG_LETTERS].strip("-")
     if name.replace("-", " ") == text:
         return name
     return "-".join([*([name] if name else []), hashlib.sha256(text.encode()).hexdigest()[:8]])
 
 
 def best_of_tracks(hits: Hits) -> tuple[Ints, Ints]:
-    """Places of the best box of each track, and how many boxes it has; a box without a track stands alone.
+    """Return the index of the best box of each track, and how many boxes it has; no track is a track of its own.
 
     Args:
         hits: Best first; a track that is of two classes counts as two.
     """
-    number = np.where(hits.track_id < 0, -1 - np.arange(len(hits)), hits.track_id)
+    track = np.where(hits.track_id < 0, -1 - np.arange(len(hits)), hits.track_id)
     _, segment = np.unique(hits.segment, return_inverse=True)
-    keys = np.stack([segment.reshape(-1), number, hits.kind], axis=1)
+    keys = np.stack([segment.reshape(-1), track, hits.class_index], axis=1)
     _, first, count = np.unique(keys, axis=0, return_index=True, return_counts=True)
     order = np.argsort(first)
     return first[order], count[order]
 
 
-def table(hits: Hits, question: Question, top: int) -> Table:
-    """The best box of each of the best tracks, a line each."""
-    shown = Table(box=None, pad_edge=False)
-    several = len(question.names) < question.asked.sum()  # words a class: else the class is the word
+def hit_table(hits: Hits, vocabulary: Vocabulary, top: int) -> Table:
+    """Return the best box of each of the best `top` tracks, one line each."""
+    table = Table(box=None, pad_edge=False)
+    # Where each class has one word, the class is the word and needs no column.
+    several = len(vocabulary.class_names) < vocabulary.is_queried.sum()
     for heading in ("class", "word")[not several :]:
-        shown.add_column(heading)
+        table.add_column(heading)
     for heading in ("score", "votes"):
-        shown.add_column(heading, justify="right")
-    shown.add_column("drive")
+        table.add_column(heading, justify="right")
+    table.add_column("drive")
     for heading in ("track", "frames", "best", "time s", "range m", "speed m/s"):
-        shown.add_column(heading, justify="right")
-    first, frames = best_of_tracks(hits)
-    for place, count in zip(first[:top].tolist(), frames.tolist(), strict=False):
-        shown.add_row(*_line(hits, question, place, count)[not several :])
-    return shown
+        table.add_column(heading, justify="right")
+    best, frames = best_of_tracks(hits)
+    for index, count in zip(best[:top].tolist(), frames.tolist(), strict=False):
+        table.add_row(*_line(hits, vocabulary, index, count)[not several :])
+    return table
 
 
-def _line(hits: Hits, question: Question, place: int, frames: int) -> Sequence[str]:
-    track = int(hits.track_id[place])
+def _line(hits: Hits, vocabulary: Vocabulary, index: int, frames: int) -> Sequence[str]:
+    track = int(hits.track_id[index])
     return (
-        question.names[hits.kind[place]],
-        question.words[hits.word[place]],
-        f"{hits.score[place]:.2f}",
-        f"{hits.share[place]:.0%}",
-        str(hits.segment[place]),
+        vocabulary.class_names[hits.class_index[index]],
+        vocabulary.words[hits.word_index[index]],
+        f"{hits.score[index]:.2f}",
+        f"{hits.share[index]:.0%}",
+        str(hits.segment[index]),
         str(track) if track >= 0 else "-",
         str(frames),
-        str(hits.frame[place]),
-        f"{hits.time_s[place]:.1f}",
-        f"{np.hypot(*hits.seven[place, :2]):.1f}",
-        f"{np.hypot(*hits.velocity_mps[place, :2]):.1f}",
+        str(hits.frame[index]),
+        f"{hits.time_s[index]:.1f}",
+        f"{np.hypot(*hits.center_m[index, :2]):.1f}",
+        f"{np.hypot(*hits.velocity_mps[index, :2]):.1f}",
     )
 
 
-def summary(found: Found, on: str) -> str:
-    """How many boxes there were, and what became of them."""
-    objects = len(best_of_tracks(found.hits)[0])
-    rest = [f"{items} {reason}" for reason, items in found.counts.items() if items and reason not in TOLD]
-    hits = f"{len(found.hits)} hits of {objects} objects"
-    return f"{found.counts['boxes']} {on}: {', '.join([hits, *rest])}"
+def summary(result: QueryResult, source: str) -> str:
+    """Return in one line how many boxes there were, and what became of them."""
+    objects = len(best_of_tracks(result.hits)[0])
+    others = [
+        f"{items} {reason}"
+        for reason, items in result.counts.items()
+        if items and reason not in HEADLINE_COUNTS
+    ]
+    hits = f"{len(result.hits)} hits of {objects} objects"
+    return f"{result.counts['boxes']} {source}: {', '.join([hits, *others])}"
 
 
-def notes(question: Question, model: str) -> Iterator[str]:
-    """What the model cannot tell apart, a line each."""
-    for kind, other in question.blurred:
-        told = f'{model} does not tell "{kind}" from "{other}": a hit may be any {other}'
-        yield f"{told} (a stronger model can be named in vlm.toml)"
+def ambiguity_notes(vocabulary: Vocabulary, model: str) -> Iterator[str]:
+    """Yield one line for each pair of words that the model cannot distinguish."""
+    for word, general in vocabulary.ambiguous:
+        note = f'{model} cannot distinguish "{word}" from "{general}": a hit may be any {general}'
+        yield f"{note} (a stronger model can be named in vlm.toml)"
 
 
-def write(path: Path, hits: Hits, question: Question) -> Path:
-    """Write all hits, best first, as Parquet; returns the path."""
-    columns = {}
-    for spec in fields(Hits):
-        values = getattr(hits, spec.name)
-        columns[spec.name] = pa.array(list(values)) if values.ndim > 1 else pa.array(values)
-    for name, texts in (("kind", question.names), ("word", question.words)):
-        columns[name] = pa.array([texts[number] for number in columns[name].to_pylist()], pa.string())
+def write_hits(path: Path, hits: Hits, vocabulary: Vocabulary) -> Path:
+    """Write all hits, best first, as Parquet with one row a box and one column a number; return the path."""
+    classes, words = np.array(vocabulary.class_names, dtype=object), np.array(vocabulary.words, dtype=object)
+    columns = {
+        "segment": hits.segment,
+        "frame": hits.frame,
+        "box": hits.box,
+        "track_id": hits.track_id,
+        "time_s": hits.time_s,
+        "class": pa.array(classes[hits.class_index], pa.string()),
+        "word": pa.array(words[hits.word_index], pa.string()),
+        "score": hits.score,
+        "share": hits.share,
+        "cosine": hits.cosine,
+        "confidence": hits.confidence,
+        "num_features": hits.num_features,
+        **_split("center_{}_m", "xyz", hits.center_m),
+        **_split("{}_m", ("length", "width", "height"), hits.size_lwh_m),
+        "heading_rad": hits.heading_rad,
+        **_split("velocity_{}_mps", "xyz", hits.velocity_mps),
+    }
     with atomic_file(path) as file:
-        pq.write_table(pa.table(columns), file, compression="zstd")
+        table = pa.table({name: pa.array(values) for name, values in columns.items()})
+        pq.write_table(table, file, compression="zstd")
     return path
+
+
+def _split(pattern: str, parts: Sequence[str], values: Array) -> dict[str, Array]:
+    return {pattern.format(part): values[:, number] for number, part in enumerate(parts)}

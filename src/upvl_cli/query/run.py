@@ -1,9 +1,9 @@
-"""One query, from what was typed to what is printed."""
+"""One query, from the request to what is printed."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from rich.table import Table
@@ -14,84 +14,74 @@ from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.query import report
 from upvl_cli.query.classes import Classes
 from upvl_cli.query.config import QueryConfig
-from upvl_cli.query.find import Filters, find
-from upvl_cli.query.question import question
-from upvl_cli.query.store import STAGE_OF, Store, store
+from upvl_cli.query.filters import Filters
+from upvl_cli.query.find import find
+from upvl_cli.query.store import STAGE_OF, Store, open_store
+from upvl_cli.query.vocabulary import build_vocabulary
 
 
 @dataclass(frozen=True)
 class Request:
-    """What was typed.
+    """What a user asks for.
 
     Attributes:
-        classes: What is asked for.
-        name: Of the files, but for the suffix.
-        on: "labels" or "detections"; None takes detections where there are any.
-        filters: Which objects count.
-        by: "vote" of the points, or "mean" feature.
-        search: Rank all objects first.
-        sheet: Draw the hits.
-        anyway: Take what is likely misspelt as it is.
-        values: Settings over those of query.toml.
+        classes: The queried classes.
+        name: Name of the files that are written, without suffix.
+        source: "labels" or "detections"; None takes detections where there are any.
+        filters: Which boxes are considered.
+        sheet: Whether a picture of the best hits is drawn.
+        check_spelling: Whether a word that is likely misspelt is refused.
+        values: Settings that replace those of query.toml.
     """
 
     classes: Classes
     name: str
-    on: str | None
+    source: str | None
     filters: Filters
-    by: str
-    search: bool
     sheet: bool
-    anyway: bool
-    values: dict[str, Any]
+    check_spelling: bool
+    values: Mapping[str, Any]
 
 
 def query(workspace: Workspace, request: Request) -> Iterator[Table | str]:
-    """Answer a query; yields what is to be printed.
+    """Answer a query; yield what is to be printed.
 
     Raises:
-        BadSetting: What is asked for is no word, or there is no such drive.
+        BadSetting: A word is likely misspelt or has no vector, or a drive is unknown.
         NotMade: There is nothing to search yet.
     """
-    settings = params(workspace, request.values)
-    asked = question(workspace, request.classes, same=settings.same, anyway=request.anyway)
-    where = store(workspace, request.on)
-    check_segments(workspace, where, request.filters.segments)
-    found = find(
-        where,
-        asked,
-        replace(request.filters, moving_mps=settings.moving_mps),
-        threshold=settings.threshold,
-        by=request.by,
-        candidates=settings.candidates if request.search else None,
-    )
-    if len(found.hits):
-        yield report.table(found.hits, asked, settings.top)
-    yield report.summary(found, where.on)
-    yield from report.notes(asked, workspace.model.name)
+    config = query_config(workspace, request.values)
+    vocabulary = build_vocabulary(workspace, request.classes, config, check_spelling=request.check_spelling)
+    store = open_store(workspace, request.source)
+    check_segments(workspace, store, request.filters.segments)
+    result = find(store, vocabulary, request.filters, config)
+    if len(result.hits):
+        yield report.hit_table(result.hits, vocabulary, config.top)
+    yield report.summary(result, store.source)
+    yield from report.ambiguity_notes(vocabulary, workspace.model.name)
     stem = workspace.out / "query" / report.slug(request.name)
-    yield str(report.write(stem.with_name(f"{stem.name}.parquet"), found.hits, asked))
-    if request.sheet and len(found.hits):
-        from upvl_cli.query.sheet import draw
+    yield str(report.write_hits(stem.with_name(f"{stem.name}.parquet"), result.hits, vocabulary))
+    if request.sheet and len(result.hits):
+        from upvl_cli.query.sheet import draw_sheet
 
-        yield str(draw(workspace, found.hits, asked, stem.with_name(f"{stem.name}.png")))
-
-
-def params(workspace: Workspace, values: dict[str, Any]) -> QueryConfig:
-    """The settings of query.toml, with values of the command line over them."""
-    settings: QueryConfig = load(QueryConfig, workspace.stages / "query.toml", values)
-    return settings
+        path = stem.with_name(f"{stem.name}.png")
+        yield str(draw_sheet(workspace, result.hits, vocabulary, config.sheet_objects, path))
 
 
-def check_segments(workspace: Workspace, where: Store, segments: Collection[str]) -> None:
-    """Refuse a drive that is unknown, or has nothing to search.
+def query_config(workspace: Workspace, values: Mapping[str, Any]) -> QueryConfig:
+    """Return the settings of query.toml, with values of the command line over them."""
+    return load(QueryConfig, workspace.stages / "query.toml", values)
+
+
+def check_segments(workspace: Workspace, store: Store, segments: Collection[str]) -> None:
+    """Check that each named drive has boxes to search.
 
     Raises:
-        BadSetting: It is unknown.
-        NotMade: It has not been worked on.
+        BadSetting: A drive is unknown.
+        NotMade: A drive has not been processed yet.
     """
     for name in segments:
-        if name not in where.paths:
+        if name not in store.paths:
             workspace.check_name(name, workspace.segments)
-            stage = STAGE_OF[where.on]
-            raise NotMade(f"{name} has no {where.on} with features; run: upvl {stage} --segment {name}")
+            stage = STAGE_OF[store.source]
+            raise NotMade(f"{name} has no {store.source} with features; run: upvl {stage} --segment {name}")

@@ -1,4 +1,4 @@
-"""Where the objects are that can be asked for, and what their features are kept in."""
+"""Which stored boxes can be queried: the shards of labels or detections, and the basis of their features."""
 
 from __future__ import annotations
 
@@ -23,46 +23,46 @@ HOW_TO_MAKE = {
 
 @dataclass(frozen=True)
 class Store:
-    """The shards to search.
+    """The shards that a query searches.
 
     Attributes:
-        on: "labels" or "detections".
+        source: "labels" or "detections".
         paths: The shard of each drive, by its name.
-        basis: What the features are kept in.
-        basis_digest: Of the shard that holds it.
-        index: Where the search index stands.
+        basis: Basis of the stored features.
+        basis_digest: Digest of the shard that holds the basis.
+        index: Path of the search index.
     """
 
-    on: str
+    source: str
     paths: dict[str, Path]
     basis: Basis
     basis_digest: str
     index: Path
 
 
-def store(workspace: Workspace, on: str | None) -> Store:
-    """Find the shards of labels or detections; by default of detections where there are any.
+def open_store(workspace: Workspace, source: str | None) -> Store:
+    """Return the shards of labels or detections; None takes detections where there are any.
 
     Raises:
-        BadSetting: There is nothing of that name.
-        NotMade: Nothing has been made yet, or with another model than there is now.
+        BadSetting: The source is neither.
+        NotMade: Nothing has been made yet, or with another vision-language model than the present one.
     """
-    if on is None:
-        on = "detections" if _shards(workspace, "detections") else "labels"
-    if on not in STAGE_OF:
-        raise BadSetting(f"--on {on}: expected labels or detections")
-    paths = _shards(workspace, on)
+    if source is None:
+        source = "detections" if _shards(workspace, "detections") else "labels"
+    if source not in STAGE_OF:
+        raise BadSetting(f"--on {source}: expected labels or detections")
+    paths = _shards(workspace, source)
     if not paths:
-        raise NotMade(f"there are no {on} with features in {workspace.out}; run: {HOW_TO_MAKE[on]}")
+        raise NotMade(f"there are no {source} with features in {workspace.out}; run: {HOW_TO_MAKE[source]}")
     basis = workspace.shard("pca", WHOLE_DATASET)
     (fitted,) = Table(basis, PcaRow)
     _check_model(workspace, basis)
-    digest = footer_digest(basis)
-    return Store(on, paths, fitted.basis, digest, workspace.out / "query" / f"index-{on}.arrow")
+    index = workspace.out / "query" / f"index-{source}.arrow"
+    return Store(source, paths, fitted.basis, footer_digest(basis), index)
 
 
-def _shards(workspace: Workspace, on: str) -> dict[str, Path]:
-    folder = workspace.out / STAGE_OF[on]
+def _shards(workspace: Workspace, source: str) -> dict[str, Path]:
+    folder = workspace.out / STAGE_OF[source]
     return {path.stem: path for path in sorted(folder.glob("*.parquet"))}
 
 
@@ -75,13 +75,13 @@ def _check_model(workspace: Workspace, basis: Path) -> None:
 
 
 def check_basis(store: Store, path: Path) -> None:
-    """Refuse features that were rounded in a basis that has since been fitted anew.
+    """Check that the features of a shard are in the present basis.
 
     Raises:
-        NotMade: They were.
+        NotMade: The basis has been fitted again since.
     """
     if _stamp(path).get("inputs", {}).get("pca", store.basis_digest) != store.basis_digest:
-        raise NotMade(f"{path} was made before the last pca; run: {HOW_TO_MAKE[store.on]}")
+        raise NotMade(f"{path} was made before the last pca; run: {HOW_TO_MAKE[store.source]}")
 
 
 def _stamp(path: Path) -> dict[str, Any]:

@@ -1,7 +1,7 @@
-"""Which kind each box is: its points vote, or its mean feature alone (UP-VL, Section 3.5).
+"""Which class each box has: the vote of its points, or its mean feature alone (UP-VL, Section 3.5).
 
-A point takes the word of highest cosine; a box takes the kind that most of its points voted for, all words of a
-kind together. Of kinds with equally many votes the one whose votes have the higher mean cosine wins.
+A point votes for the word of highest cosine; a box has the class with the most votes, all words of a class together.
+Of classes with equally many votes the one whose votes have the higher mean cosine wins.
 """
 
 from __future__ import annotations
@@ -12,93 +12,93 @@ import numpy as np
 
 from upvl_cli.types import Bools, Floats, Ints
 
-NONE = -1
-FEWER = 32  # a track has some tens of boxes, often all of them among the best
+NO_CLASS = -1
+_BOXES_PER_GROUP = 32  # a track has some tens of boxes, often all of them among the best
 
 
 @dataclass(frozen=True)
-class Answers:
-    """What boxes are.
+class VoteResult:
+    """The classes of b boxes.
 
     Attributes:
-        kind: (b,) the kind that won; `NONE` for a box without points.
-        word: (b,) the word of that kind with the most votes, the first of several; `NONE` without points.
-        share: (b,) share of the votes that the kind has, 0 to 1.
-        cosine: (b,) mean cosine of the votes for the kind.
+        class_index: (b,) the class that won; `NO_CLASS` for a box without points.
+        word_index: (b,) the word of that class with the most votes, the first of equals; `NO_CLASS` without points.
+        share: (b,) share of the votes that the class has, 0 to 1.
+        cosine: (b,) mean cosine of the votes for the class.
     """
 
-    kind: Ints
-    word: Ints
+    class_index: Ints
+    word_index: Ints
     share: Floats
     cosine: Floats
 
 
-def vote(cosines: Floats, of_box: Ints, boxes: int, kind_of_word: Ints) -> Answers:
-    """Let the points of each box vote; with one mean feature a box, that decides alone.
+def vote(cosines: Floats, box_of_point: Ints, boxes: int, class_of_word: Ints) -> VoteResult:
+    """Return the class that most points of each box vote for; a box with one mean feature has one vote.
 
     Args:
         cosines: (n, t) of each point with each word.
-        of_box: (n,) the box of each point.
+        box_of_point: (n,) the box of each point.
         boxes: How many boxes there are.
-        kind_of_word: (t,) ascending from 0, without gaps.
+        class_of_word: (t,) ascending from 0, without gaps.
     """
-    words, kinds = len(kind_of_word), int(kind_of_word[-1]) + 1
-    chosen = cosines.argmax(axis=1)
-    nearest = cosines[np.arange(len(chosen)), chosen]
-    box = np.asarray(of_box, dtype=np.int64)
-    per_word = np.bincount(box * words + chosen, minlength=boxes * words).reshape(boxes, words)
-    ballots = box * kinds + kind_of_word[chosen]
-    votes = np.bincount(ballots, minlength=boxes * kinds).reshape(boxes, kinds)
-    total = np.bincount(ballots, nearest, minlength=boxes * kinds).reshape(boxes, kinds)
+    words, classes = len(class_of_word), int(class_of_word[-1]) + 1
+    best_word = cosines.argmax(axis=1)
+    best_cosine = cosines[np.arange(len(best_word)), best_word]
+    box = np.asarray(box_of_point, dtype=np.int64)
+    votes_per_word = np.bincount(box * words + best_word, minlength=boxes * words).reshape(boxes, words)
+    ballots = box * classes + class_of_word[best_word]
+    votes = np.bincount(ballots, minlength=boxes * classes).reshape(boxes, classes)
+    total = np.bincount(ballots, best_cosine, minlength=boxes * classes).reshape(boxes, classes)
     mean = total / np.maximum(votes, 1)
-    kind = np.where(votes == votes.max(axis=1, keepdims=True), mean, -np.inf).argmax(axis=1)
-    word = np.where(kind_of_word == kind[:, None], per_word, -1).argmax(axis=1)
+    winner = np.where(votes == votes.max(axis=1, keepdims=True), mean, -np.inf).argmax(axis=1)
+    word = np.where(class_of_word == winner[:, None], votes_per_word, -1).argmax(axis=1)
     every, count = np.arange(boxes), votes.sum(axis=1)
-    return Answers(
-        np.where(count > 0, kind, NONE),
-        np.where(count > 0, word, NONE),
-        votes[every, kind] / np.maximum(count, 1),
-        mean[every, kind],
+    return VoteResult(
+        np.where(count > 0, winner, NO_CLASS),
+        np.where(count > 0, word, NO_CLASS),
+        votes[every, winner] / np.maximum(count, 1),
+        mean[every, winner],
     )
 
 
-def rank(cosines: Floats, asked: Bools) -> Floats:
-    """(n,) how promising each object is: its best asked word less its best other word.
+def ranking_score(cosines: Floats, is_queried: Bools) -> Floats:
+    """Return (n,) by how much the best queried word of each object beats its best negative.
 
     Args:
-        cosines: (n, t) of pooled features.
-        asked: (t,) which words are asked for; at least one.
+        cosines: (n, t) of the mean features.
+        is_queried: (t,) which words are queried; at least one. Where all are, the best cosine is the score.
     """
-    best = cosines[:, asked].max(axis=1)
-    return np.asarray(best if asked.all() else best - cosines[:, ~asked].max(axis=1))
+    best = cosines[:, is_queried].max(axis=1)
+    return np.asarray(best if is_queried.all() else best - cosines[:, ~is_queried].max(axis=1))
 
 
-def first_of_each(score: Floats, group: Ints, most: int) -> Ints:
-    """Places of the best of each group, best first, at most so many.
+def best_of_groups(score: Floats, group: Ints, limit: int) -> Ints:
+    """Return the index of the best item of each group, best first.
 
     Args:
-        score: (n,) higher is better; of equals the first counts.
-        group: (n,) what belongs together; those with a number below 0 stand alone.
-        most: How many to give.
+        score: (n,) higher is better; of equals the first wins.
+        group: (n,) number of the group of each item; an item with a negative number is a group of its own.
+        limit: How many to return at most.
     """
-    size = most
+    size = limit
     while True:
-        size = min(size * FEWER, len(score))
-        # All that are as good as the last of so many: quicker than to sort all.
-        place = np.flatnonzero(score >= np.partition(score, -size)[-size]) if size else np.zeros(0, np.int64)
-        chosen = _first(place[np.argsort(-score[place], kind="stable")], group, most)
-        if len(chosen) == most or size == len(score):
-            return chosen
+        size = min(size * _BOXES_PER_GROUP, len(score))
+        # All items as good as the last of that many: faster than to sort all.
+        index = np.flatnonzero(score >= np.partition(score, -size)[-size]) if size else np.zeros(0, np.int64)
+        best = _first_of_groups(index[np.argsort(-score[index], kind="stable")], group, limit)
+        if len(best) == limit or size == len(score):
+            return best
 
 
-def _first(places: Ints, group: Ints, most: int) -> Ints:
+def _first_of_groups(ordered: Ints, group: Ints, limit: int) -> Ints:
     seen: set[int] = set()
-    chosen: list[int] = []
-    for place in places.tolist():
-        if len(chosen) == most:
+    first: list[int] = []
+    for index in ordered.tolist():
+        if len(first) == limit:
             break
-        number = int(group[place])
+        number = int(group[index])
         if number < 0 or number not in seen:
             seen.add(number)
-            chosen.append(place)
-    return np.array(chosen, dtype=np.int64)
+            first.append(index)
+    return np.array(first, dtype=np.int64)

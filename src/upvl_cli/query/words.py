@@ -1,4 +1,4 @@
-"""What words are worth on the drives at hand: which boxes each one wins, and what they would be without it."""
+"""How words divide the stored boxes: which boxes each word wins, and which word would win them without it."""
 
 from __future__ import annotations
 
@@ -11,116 +11,126 @@ from rich.table import Table
 
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.query.classes import Classes
-from upvl_cli.query.find import Filters, points_of, table_of_points
-from upvl_cli.query.index import drives
-from upvl_cli.query.question import Question, question
-from upvl_cli.query.report import notes
-from upvl_cli.query.run import check_segments, params
-from upvl_cli.query.store import Store, store
+from upvl_cli.query.filters import Filters
+from upvl_cli.query.find import cosines_by_frame, point_features
+from upvl_cli.query.index import indexed_objects
+from upvl_cli.query.report import ambiguity_notes
+from upvl_cli.query.run import check_segments, query_config
+from upvl_cli.query.store import Store, open_store
+from upvl_cli.query.vocabulary import Vocabulary, build_vocabulary
 from upvl_cli.query.votes import vote
 from upvl_cli.types import Array, Ints
 
 BINS = 10
 BARS = " ▁▂▃▄▅▆▇█"
+NO_WORD = -1
 
 
 @dataclass(frozen=True)
-class Worth:
-    """What words are worth.
+class WordStatistics:
+    """What each of t words wins.
 
     Attributes:
-        scores: (t, BINS) boxes that each word wins, by score from 0 to 1.
-        instead: Of the boxes that it wins, what they would be without it: how many by each other word.
+        score_histogram: (t, BINS) boxes that each word wins, by score from 0 to 1.
+        replacements: For each word, how many of its boxes each other word would win without it; `NO_WORD` where
+            there is no other word.
     """
 
-    scores: Ints
-    instead: list[Counter[int]]
+    score_histogram: Ints
+    replacements: list[Counter[int]]
 
 
-def worth(store: Store, asked: Question, filters: Filters) -> Worth:
+def word_statistics(store: Store, vocabulary: Vocabulary, filters: Filters) -> WordStatistics:
     """Let the points of all boxes vote, each word for itself, and again without each word.
 
     Args:
-        store: Where the boxes are.
-        asked: The words.
-        filters: Which boxes count.
+        store: The stored boxes.
+        vocabulary: The words.
+        filters: Which drives are considered.
     """
-    total = len(asked.words)
-    scores = np.zeros((total, BINS), dtype=np.int64)
-    instead: list[Counter[int]] = [Counter() for _ in range(total)]
-    for name, objects in drives(store):
-        if filters.segments and name not in filters.segments:
-            continue
-        of = objects[objects.points > 0]
-        if not len(of):
+    total = len(vocabulary.words)
+    histogram = np.zeros((total, BINS), dtype=np.int64)
+    replacements: list[Counter[int]] = [Counter() for _ in range(total)]
+    for segment, objects in indexed_objects(store):
+        featured = objects[objects.num_features > 0]
+        if not filters.includes(segment) or not len(featured):
             continue
         done = 0
-        for boxes, of_box, cosines in points_of(table_of_points(store, name), store.basis, asked, of):
-            answers = vote(cosines, of_box, boxes, np.arange(total))
-            score = answers.share * of.confidence[done : done + boxes]
+        frames = cosines_by_frame(point_features(store, segment), store.basis, vocabulary, featured)
+        for boxes, box_of_point, cosines in frames:
+            votes = vote(cosines, box_of_point, boxes, np.arange(total))
+            score = votes.share * featured.confidence[done : done + boxes]
             done += boxes
-            np.add.at(scores, (answers.word, np.minimum(score * BINS, BINS - 1).astype(np.int64)), 1)
-            for word in np.unique(answers.word).tolist():
-                without = _without(cosines, of_box, boxes, word)
-                instead[word].update(without[answers.word == word].tolist())
-    return Worth(scores, instead)
+            bins = np.minimum(score * BINS, BINS - 1).astype(np.int64)
+            np.add.at(histogram, (votes.word_index, bins), 1)
+            for word in np.unique(votes.word_index).tolist():
+                winner = _winner_without(cosines, box_of_point, boxes, word)
+                replacements[word].update(winner[votes.word_index == word].tolist())
+    return WordStatistics(histogram, replacements)
 
 
-def _without(cosines: Array, of_box: Ints, boxes: int, word: int) -> Ints:
-    """(boxes,) the words that win where one is not asked for; -1 where no other is there."""
+def _winner_without(cosines: Array, box_of_point: Ints, boxes: int, word: int) -> Ints:
+    """Return (boxes,) the words that win without one of the words; `NO_WORD` where it is the only one."""
     others = np.delete(np.arange(cosines.shape[1]), word)
     if not len(others):
-        return np.full(boxes, -1)
-    return np.asarray(others[vote(cosines[:, others], of_box, boxes, np.arange(len(others))).word])
+        return np.full(boxes, NO_WORD)
+    return np.asarray(
+        others[vote(cosines[:, others], box_of_point, boxes, np.arange(len(others))).word_index]
+    )
 
 
-def compare(
-    workspace: Workspace, classes: Classes, on: str | None, segments: Collection[str], *, anyway: bool
+def compare_words(
+    workspace: Workspace,
+    classes: Classes,
+    source: str | None,
+    segments: Collection[str],
+    *,
+    check_spelling: bool,
 ) -> Iterator[Table | str]:
-    """Compare words with each other, and with those that queries have them compete with; yields what is printed.
+    """Compare words with each other and with the default negatives; yield what is printed.
 
     Args:
-        workspace: Where.
+        workspace: Holds the stored boxes, the model and the settings.
         classes: The words.
-        on: "labels" or "detections"; None takes detections where there are any.
-        segments: The drives; empty takes all.
-        anyway: Take what is likely misspelt as it is.
+        source: "labels" or "detections"; None takes detections where there are any.
+        segments: Names of the drives; an empty collection takes all.
+        check_spelling: Whether a word that is likely misspelt is refused.
 
     Raises:
-        BadSetting: What is asked for is no word, or there is no such drive.
+        BadSetting: A word is likely misspelt or has no vector, or a drive is unknown.
         NotMade: There is nothing to search yet.
     """
-    asked = question(workspace, classes, same=params(workspace, {}).same, anyway=anyway)
-    where = store(workspace, on)
-    check_segments(workspace, where, segments)
-    found = worth(where, asked, Filters(segments=segments))
-    yield _table(asked, found)
+    config = query_config(workspace, {})
+    vocabulary = build_vocabulary(workspace, classes, config, check_spelling=check_spelling)
+    store = open_store(workspace, source)
+    check_segments(workspace, store, segments)
+    statistics = word_statistics(store, vocabulary, Filters(segments=segments))
+    yield _table(vocabulary, statistics)
     yield (
-        f"{found.scores.sum()} {where.on} with features; a bar is a tenth of the score (share of the votes times "
-        "confidence), from 0 to 1; (-) competes, and is not asked for"
+        f"{statistics.score_histogram.sum()} {store.source} with features; a bar is a tenth of the score (share of "
+        "the votes times confidence), from 0 to 1; (-) competes, and is not asked for"
     )
-    yield from notes(asked, workspace.model.name)
+    yield from ambiguity_notes(vocabulary, workspace.model.name)
 
 
-def _table(asked: Question, found: Worth) -> Table:
-    shown = Table(box=None, pad_edge=False)
-    shown.add_column("word")
-    shown.add_column("boxes", justify="right")
-    shown.add_column("score 0..1", no_wrap=True)
-    shown.add_column("median", justify="right")
-    shown.add_column("without it they are")
-    for word, (name, is_asked) in enumerate(zip(asked.words, asked.asked, strict=True)):
-        boxes = int(found.scores[word].sum())
-        if boxes or is_asked:
-            others = (
-                f"{asked.words[other] if other >= 0 else 'nothing'} {items}"
-                for other, items in found.instead[word].most_common(3)
+def _table(vocabulary: Vocabulary, statistics: WordStatistics) -> Table:
+    table = Table(box=None, pad_edge=False)
+    table.add_column("word")
+    table.add_column("boxes", justify="right")
+    table.add_column("score 0..1", no_wrap=True)
+    table.add_column("median", justify="right")
+    table.add_column("without it they are")
+    for word, (name, is_queried) in enumerate(zip(vocabulary.words, vocabulary.is_queried, strict=True)):
+        histogram = statistics.score_histogram[word]
+        boxes = int(histogram.sum())
+        if boxes or is_queried:
+            replacements = (
+                f"{vocabulary.words[other] if other != NO_WORD else 'nothing'} {items}"
+                for other, items in statistics.replacements[word].most_common(3)
             )
-            name = name if is_asked else f"(-) {name}"
-            shown.add_row(
-                name, str(boxes), _bars(found.scores[word]), _median(found.scores[word]), ", ".join(others)
-            )
-    return shown
+            shown = name if is_queried else f"(-) {name}"
+            table.add_row(shown, str(boxes), _bars(histogram), _median(histogram), ", ".join(replacements))
+    return table
 
 
 def _bars(counts: Ints) -> str:
@@ -129,7 +139,7 @@ def _bars(counts: Ints) -> str:
 
 
 def _median(counts: Ints) -> str:
-    """Middle of the bin that holds the median."""
+    """Return the middle of the bin that holds the median."""
     if not counts.any():
         return ""
     return f"{(np.searchsorted(np.cumsum(counts), counts.sum() / 2) + 0.5) / BINS:.2f}"

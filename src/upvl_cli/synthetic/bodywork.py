@@ -22,24 +22,24 @@ def pick(rng: np.random.Generator, options: Sequence[T]) -> T:
 
 
 def block(x_m: Pair, y_m: Pair, z_m: Pair, surface: Surface) -> Mesh:
-    """A box between bounds."""
+    """Return a box between bounds."""
     (x, x1), (y, y1), (z, z1) = x_m, y_m, z_m
     return box((x1 - x, y1 - y, z1 - z), ((x + x1) / 2, (y + y1) / 2, (z + z1) / 2), surface)
 
 
 def both(x_m: Pair, y_m: Pair, z_m: Pair, surface: Surface) -> Mesh:
-    """A box on the left and the same on the right."""
+    """Return a box on the left and the same on the right."""
     low, high = y_m
     return joined([block(x_m, (low, high), z_m, surface), block(x_m, (-high, -low), z_m, surface)])
 
 
 def scaled(mesh: Mesh, factor: Triple) -> Mesh:
-    """The same, longer, wider or higher."""
+    """Return the same, longer, wider or higher."""
     return Mesh(mesh.corner_m * np.array(factor), mesh.face, mesh.surface, mesh.surfaces)
 
 
 def varied(rng: np.random.Generator, parts: Sequence[Part | Mesh], spread: float = 0.04) -> Model:
-    """A model a little longer, wider and higher than drawn, or less, by chance."""
+    """Return a model a little longer, wider and higher than drawn, or less, by chance."""
     factor = 1 + rng.uniform(-spread, spread) * 0.6 + rng.uniform(-spread, spread, 3) * 0.4
     along, across, up = (float(v) for v in factor)
     resized = []
@@ -52,7 +52,7 @@ def varied(rng: np.random.Generator, parts: Sequence[Part | Mesh], spread: float
 
 
 def rectangle(x_m: Pair, z_m: Pair) -> tuple[Pair, ...]:
-    """The side view of a box."""
+    """Return the side view of a box."""
     return ((x_m[0], z_m[0]), (x_m[1], z_m[0]), (x_m[1], z_m[1]), (x_m[0], z_m[1]))
 
 
@@ -70,7 +70,7 @@ class Shell(NamedTuple):
     inset_m: float = 0.0
 
     def mesh(self, surface: Surface) -> Mesh:
-        """The body itself."""
+        """Return the body itself."""
         return prism(self.outline_xz_m, self.width_m, surface, self.inset_m)
 
     def half_m(self, z_m: float) -> float:
@@ -90,13 +90,13 @@ class Shell(NamedTuple):
         return float(way * (way * places).max())
 
     def side(self, outline_xz_m: Sequence[Pair], surface: Surface, lift_m: float = LIFT_M) -> Mesh:
-        """A panel on the left and on the right."""
+        """Return a panel on the left and on the right."""
         heights = [z for _, z in outline_xz_m]
         low, high = self.half_m(min(heights)), self.half_m(max(heights))
         return prism(outline_xz_m, 2 * (low + lift_m), surface, low - high)
 
     def window(self, span: Pair, z_m: Pair, surface: Surface, lift_m: float = LIFT_M) -> Mesh:
-        """A panel on both sides, slanted as the ends are; its span is 0 at the rear and 1 at the front."""
+        """Return a panel on both sides, slanted as the ends are; its span is 0 at the rear and 1 at the front."""
         corners = []
         for share, z in ((0, 0), (1, 0), (1, 1), (0, 1)):
             rear, front = self.end_m(z_m[z], -1), self.end_m(z_m[z], 1)
@@ -112,12 +112,12 @@ class Shell(NamedTuple):
         ]
 
     def screen(self, z_m: Pair, surface: Surface, way: int = 1, margin_m: float = 0.08) -> Mesh:
-        """A panel over the whole width of the front or rear, but for a margin."""
+        """Return a panel over the whole width of the front or rear, but for a margin."""
         low, high = self.half_m(z_m[0]), self.half_m(z_m[1])
         return prism(self._slab(z_m, way, 0.015, _DEPTH_M), 2 * (low - margin_m), surface, low - high)
 
     def badge(self, y_m: Pair, z_m: Pair, surface: Surface, way: int = 1, lift_m: float = 0.012) -> Mesh:
-        """A panel on a piece of the front or rear."""
+        """Return a panel on a piece of the front or rear."""
         outline = self._slab(z_m, way, lift_m, _DEPTH_M)
         return prism(outline, y_m[1] - y_m[0], surface).moved((0.0, (y_m[0] + y_m[1]) / 2, 0.0))
 
@@ -152,7 +152,7 @@ def wheels(
 
 
 def arches(x_m: Sequence[float], side_m: float, radius_m: float, surface: Surface = DARK) -> Mesh:
-    """The dark above the wheels, on both sides of a body whose side is so far out."""
+    """Return the dark above the wheels, on both sides of a body whose side is so far out."""
     angle = np.linspace(0, np.pi, 9)
     rim = radius_m + 0.07
     outlines = [[(x + rim * float(np.cos(a)), radius_m + rim * float(np.sin(a))) for a in angle] for x in x_m]
@@ -160,7 +160,7 @@ def arches(x_m: Sequence[float], side_m: float, radius_m: float, surface: Surfac
 
 
 def ring(centre_m: Triple, radius_m: float, thick_m: float, surface: Surface, pieces: int = 14) -> Mesh:
-    """An upright wheel rim or tyre that one can look through; its axle points left."""
+    """Return an upright wheel rim or tyre that one can look through; its axle points left."""
     angle = np.arange(pieces) * 2 * np.pi / pieces
     # Corners of the cross-section, outwards and to the left, so that the faces look out.
     section = np.array([(1.0, 0.0), (0.0, -1.0), (-1.0, 0.0), (0.0, 1.0)]) * thick_m / 2

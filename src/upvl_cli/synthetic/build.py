@@ -15,7 +15,7 @@ from upvl_cli.synthetic.road import road
 from upvl_cli.synthetic.scene import Scene, Thing
 from upvl_cli.synthetic.surroundings import surroundings
 from upvl_cli.synthetic.traffic import FIRST_S, traffic
-from upvl_cli.types import Floats
+from upvl_cli.types import Boxes, Floats, concat
 
 _CHECKS = 4  # times at which nothing may stand in another thing
 _EGO_SIZE_M = (6.0, 2.2, 2.0)
@@ -24,7 +24,7 @@ _ROAD, _AROUND, _LIGHT, _TRAFFIC, _WALKERS, _PARKED, _ABOUT = range(7)
 
 
 def build(seed: Sequence[int], *, without: Sequence[str], seconds: float, density: float) -> Scene:
-    """A stretch of city.
+    """Return a stretch of city.
 
     Args:
         seed: Numbers that decide everything.
@@ -53,30 +53,27 @@ def build(seed: Sequence[int], *, without: Sequence[str], seconds: float, densit
 
 
 def _apart(things: Sequence[Thing], ego: Motion, seconds: float) -> tuple[Thing, ...]:
-    """The things without those that would stand in the car or in an earlier one."""
+    """Return the things without those that would stand in the car or in an earlier one."""
     time_s = np.linspace(0, seconds, _CHECKS)
-    boxes = np.stack(
-        [
-            _boxes(ego, _EGO_SIZE_M, time_s),
-            *(_boxes(thing.motion, thing.model.size_lwh_m, time_s) for thing in things),
-        ]
-    )
-    touch = np.any([iou_bev(boxes[:, k], boxes[:, k]) > 0 for k in range(_CHECKS)], axis=0)
+    of_thing = [
+        _boxes(ego, _EGO_SIZE_M, time_s),
+        *(_boxes(thing.motion, thing.model.size_lwh_m, time_s) for thing in things),
+    ]
+    at_time = [concat([boxes[[k]] for boxes in of_thing], Boxes) for k in range(_CHECKS)]
+    touch = np.any([iou_bev(boxes, boxes) > 0 for boxes in at_time], axis=0)
     kept = [0]
-    for number in range(1, len(boxes)):
+    for number in range(1, len(of_thing)):
         if not touch[number, kept].any():
             kept.append(number)
     return tuple(things[number - 1] for number in kept[1:])
 
 
-def _boxes(motion: Motion, size_lwh_m: Triple, time_s: Floats) -> Floats:
-    """(k, 7) boxes at those times."""
+def _boxes(motion: Motion, size_lwh_m: Triple, time_s: Floats) -> Boxes:
+    """Return the box of a thing at each of those times."""
     placed, total = motion.at(time_s), len(time_s)
     heading = np.arctan2(placed.rotation[:, 1, 0], placed.rotation[:, 0, 0])
-    return np.column_stack(
-        [
-            np.broadcast_to(placed.place_m, (total, 3)),
-            np.broadcast_to(size_lwh_m, (total, 3)),
-            np.broadcast_to(heading, total),
-        ]
+    return Boxes(
+        np.broadcast_to(placed.place_m, (total, 3)),
+        np.broadcast_to(size_lwh_m, (total, 3)),
+        np.broadcast_to(heading, total),
     )

@@ -162,7 +162,7 @@ def _lot(road: Road, side: int, first_m: float, last_m: float, d_m: float, depth
 
 
 def _built(lot: Lot, rng: np.random.Generator, small: bool) -> list[Piece]:
-    """A building on a lot; none where it is too narrow."""
+    """Return a building on a lot; none where it is too narrow."""
     if lot.width_m < 6.0:
         return []
     name, form = ("house", _house) if small and lot.width_m < 15.0 else ("building", _block)
@@ -190,7 +190,7 @@ def _block(lot: Lot, rng: np.random.Generator) -> Mesh:
 
 
 def _house(lot: Lot, rng: np.random.Generator) -> Mesh:
-    """A house under a pitched roof, whose gable looks to the street or to the sides."""
+    """Return a house under a pitched roof, whose gable looks to the street or to the sides."""
     floors = int(rng.integers(1, 3))
     facade = _facade(rng, floors, 2.7, wide=False)
     width, depth = min(lot.width_m - 1.2, 11.0), lot.depth_m - 1.0

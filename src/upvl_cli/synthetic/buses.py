@@ -42,7 +42,7 @@ def _panes(shell: Shell, x_m: Pair, z_m: Pair, count: int) -> list[Mesh]:
 
 
 def _door(x_m: Pair, y_m: float, z_m: Pair) -> list[Mesh]:
-    """A door of two glass wings on the right side."""
+    """Return a door of two glass wings on the right side."""
     middle = (x_m[0] + x_m[1]) / 2
     inner = -(y_m - 0.05)
     return [
@@ -77,7 +77,7 @@ def _bus(lacquer: Surface, skirt: Surface, height_m: float) -> tuple[Shell, list
 
 
 def bus(rng: np.random.Generator) -> Model:
-    """A city bus with two doors and a sign that says where it goes."""
+    """Return a city bus with two doors and a sign that says where it goes."""
     lacquer = paint(pick(rng, _PAINTS))
     body, parts = _bus(lacquer, paint(pick(rng, (*_PAINTS, (60, 62, 66)))), 3.05)
     parts += [
@@ -89,7 +89,7 @@ def bus(rng: np.random.Generator) -> Model:
 
 
 def double_decker(rng: np.random.Generator) -> Model:
-    """A bus of two floors, mostly red."""
+    """Return a bus of two floors, mostly red."""
     lacquer = paint(pick(rng, (_PAINTS[0], _PAINTS[0], *_PAINTS[:4])))
     body, parts = _bus(lacquer, lacquer, 4.35)
     parts += [*_panes(body, (-5.7, 5.6), (2.95, 3.85), 8), body.screen((2.95, 3.9), GLASS, margin_m=0.08)]
@@ -105,7 +105,7 @@ def double_decker(rng: np.random.Generator) -> Model:
 
 
 def school_bus(rng: np.random.Generator) -> Model:
-    """A yellow bus with a bonnet and black stripes."""
+    """Return a yellow bus with a bonnet and black stripes."""
     yellow = paint(pick(rng, ((246, 184, 16), (250, 170, 10), (240, 190, 40))))
     body = Shell(
         ((-5.2, 0.6), (3.5, 0.6), (3.6, 1.6), (3.4, 2.7), (3.2, 2.95), (2.9, 3.05), (-4.9, 3.05))
@@ -150,7 +150,7 @@ def school_bus(rng: np.random.Generator) -> Model:
 
 
 def tram(rng: np.random.Generator) -> Model:
-    """A tram of three low cars, with bellows between them and a pantograph on top."""
+    """Return a tram of three low cars, with bellows between them and a pantograph on top."""
     lacquer = paint(pick(rng, (*_PAINTS, (196, 40, 44), (240, 214, 120))))
     roof = Surface((150, 154, 158), 0.4)
     front = Shell(

@@ -7,7 +7,7 @@ from functools import cache, lru_cache
 import numpy as np
 
 from upvl_cli.geometry.camera import rays as camera_rays
-from upvl_cli.synthetic.cast import NOTHING, Caster, Hits, Rays
+from upvl_cli.synthetic.cast import NOTHING, Caster, RayHits, Rays
 from upvl_cli.synthetic.lidar import TURN_S
 from upvl_cli.synthetic.surface import Surface
 from upvl_cli.synthetic.textures import TEXTURES, brightness
@@ -56,7 +56,7 @@ def trigger_s(name: str) -> float:
 
 
 def pixel_rays(caster: Caster, seen_by: Camera, time_s: float, rolling_s: float) -> Rays:
-    """The rays of all pixels, in the order of `tiles`.
+    """Return the rays of all pixels, in the order of `tiles`.
 
     Args:
         caster: The city.
@@ -84,7 +84,7 @@ def _ways(name: str) -> Array:
 
 @cache
 def _ways_of_front() -> Floats:
-    """The same in the axes of the camera: all five have the same lens."""
+    """Return the same in the axes of the camera: all five have the same lens."""
     front = camera("front")
     v, u = np.divmod(np.arange(front.width_px * front.height_px), front.width_px)
     return camera_rays(front, np.stack([u, v], axis=1)) @ front.ego_from_camera[:3, :3]
@@ -99,8 +99,8 @@ def picture(
     rolling_s: float,
     noise: float,
     rng: np.random.Generator,
-) -> tuple[Array, Hits]:
-    """A picture, (height, width, 3) uint8, and what each pixel shows, in the order of `tiles`.
+) -> tuple[Array, RayHits]:
+    """Return a picture, (height, width, 3) uint8, and what each pixel shows, in the order of `tiles`.
 
     Args:
         caster: The city.
@@ -122,7 +122,7 @@ def picture(
 
 @cache
 def tiles(width_px: int, height_px: int) -> tuple[Ints, Ints]:
-    """The numbers of all pixels tile by tile, and where each pixel is among them.
+    """Return the numbers of all pixels tile by tile, and where each pixel is among them.
 
     Rays that follow each other are to lie close together.
     """
@@ -131,7 +131,7 @@ def tiles(width_px: int, height_px: int) -> tuple[Ints, Ints]:
     return order, np.argsort(order)
 
 
-def _colours(caster: Caster, rays: Rays, hits: Hits, weather: Weather) -> Array:
+def _colours(caster: Caster, rays: Rays, hits: RayHits, weather: Weather) -> Array:
     """(n, 3) float32, what the rays bring, 0 to 255."""
     rgb, texture, gloss = _palette(caster.scene.surfaces)
     shown = rgb[hits.surface]
@@ -155,7 +155,7 @@ def _colours(caster: Caster, rays: Rays, hits: Hits, weather: Weather) -> Array:
     return shown
 
 
-def _light(caster: Caster, rays: Rays, hits: Hits, weather: Weather) -> Array:
+def _light(caster: Caster, rays: Rays, hits: RayHits, weather: Weather) -> Array:
     """(n,) float32, how much light each place gets from the sun and the sky."""
     sun = weather.sun.astype(np.float32)
     facing = np.maximum(hits.normal @ sun, 0)

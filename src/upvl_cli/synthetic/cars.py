@@ -157,7 +157,7 @@ def rolling(form: Form) -> list[Mesh]:
 
 
 def car(form: Form, lacquer: Surface) -> list[Mesh]:
-    """A car without its tail and anything on its roof."""
+    """Return a car without its tail and anything on its roof."""
     body, cabin, (low, high) = form.body, form.cabin, form.glass_z_m
     sill = min(z for _, z in body.outline_xz_m) + 0.12
     belt = low - 0.1
@@ -181,7 +181,7 @@ def _rails(form: Form, x_m: Pair) -> list[Mesh]:
 
 
 def _load(rng: np.random.Generator, form: Form, x_m: Pair) -> list[Mesh]:
-    """A roof rack, and perhaps a roof box on it."""
+    """Return a roof rack, and perhaps a roof box on it."""
     top = max(z for _, z in form.cabin.outline_xz_m)
     half = form.cabin.half_m(top)
     bars = [
@@ -194,7 +194,7 @@ def _load(rng: np.random.Generator, form: Form, x_m: Pair) -> list[Mesh]:
 
 
 def sedan(rng: np.random.Generator) -> Model:
-    """A saloon."""
+    """Return a saloon."""
     parts = [*car(SEDAN, paint(pick(rng, PAINTS))), *tail(SEDAN)]
     if rng.random() < 0.1:
         parts += _load(rng, SEDAN, (-0.9, 0.15))
@@ -202,7 +202,7 @@ def sedan(rng: np.random.Generator) -> Model:
 
 
 def hatchback(rng: np.random.Generator) -> Model:
-    """A small car with a steep rear."""
+    """Return a small car with a steep rear."""
     parts = [*car(HATCHBACK, paint(pick(rng, PAINTS))), *tail(HATCHBACK)]
     if rng.random() < 0.2:
         parts += _load(rng, HATCHBACK, (-1.3, 0.25))
@@ -210,7 +210,7 @@ def hatchback(rng: np.random.Generator) -> Model:
 
 
 def suv(rng: np.random.Generator) -> Model:
-    """A sport utility vehicle: high, with dark plastic around its lower edge."""
+    """Return a sport utility vehicle: high, with dark plastic around its lower edge."""
     lacquer = paint(pick(rng, PAINTS))
     parts = [*car(SUV, lacquer), *tail(SUV), *_rails(SUV, (-1.8, 0.4))]
     parts.append(SUV.body.side(rectangle((-0.85, 0.9), (0.3, 0.45)), DARK, 0.03))

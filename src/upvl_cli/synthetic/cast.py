@@ -50,7 +50,7 @@ class Rays(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Hits(ParallelArrays):
+class RayHits(ParallelArrays):
     """What each ray meets first.
 
     Attributes:
@@ -73,7 +73,7 @@ class Hits(ParallelArrays):
 
 
 class _Triangles(NamedTuple):
-    """A mesh that can be asked, and what each of its faces is, as in `Hits`; the last entry is for no face."""
+    """A mesh that can be asked, and what each of its faces is, as in `RayHits`; the last entry is for no face."""
 
     scene: EmbreeScene
     surface: Ints
@@ -114,8 +114,8 @@ class Caster:
                 ]
         self._still = triangles(still)
 
-    def cast(self, rays: Rays, *, reach_m: float) -> Hits:
-        """The first surface on each ray.
+    def cast(self, rays: Rays, *, reach_m: float) -> RayHits:
+        """Return the first surface on each ray.
 
         Args:
             rays: The rays.
@@ -139,7 +139,7 @@ class Caster:
         length = np.sqrt(np.einsum("ni,ni->n", normal, normal))
         towards = -np.sign(np.einsum("ni,ni->n", normal, rays.way))
         normal *= (towards / np.where(length > 0, length, 1))[:, None]
-        return Hits(range_m, normal, local, surface, name, thing, part)
+        return RayHits(range_m, normal, local, surface, name, thing, part)
 
     def shaded(self, rays: Rays, *, reach_m: float) -> Bools:
         """(n,) whether anything lies on each ray: what a light at its end does not reach."""
@@ -217,7 +217,7 @@ def swings(part: Part, odometer_m: Array) -> Floats:
     return np.asarray(part.swing_rad * np.sin(2 * np.pi * STRIDE_HZ_PER_MPS * odometer_m + part.phase_rad))
 
 
-def world_places(scene: Scene, hits: Hits, placed_s: Array) -> Floats:
+def world_places(scene: Scene, hits: RayHits, placed_s: Array) -> Floats:
     """(n, 3) where the places that were met on movers are at other times: fixed to their thing and its part.
 
     Args:

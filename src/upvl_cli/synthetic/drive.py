@@ -15,7 +15,7 @@ from upvl_cli.errors import BadInput
 from upvl_cli.geometry.se3 import apply, inverse
 from upvl_cli.synthetic.build import build
 from upvl_cli.synthetic.cameras import CAMERAS, picture, tiles, trigger_s
-from upvl_cli.synthetic.cast import Caster, Hits, world_places
+from upvl_cli.synthetic.cast import Caster, RayHits, world_places
 from upvl_cli.synthetic.config import CityConfig
 from upvl_cli.synthetic.lidar import REACH_M, rays_at, sweep
 from upvl_cli.synthetic.scene import Scene
@@ -132,8 +132,8 @@ class CityDrive:
         to_ego = self.world_from_ego[frame][:3, :3]
         return points, PointTruth(hits.thing, hits.name, moved @ to_ego * RATE_HZ)
 
-    def _sweep(self, frame: int) -> tuple[Points, Hits, Floats]:
-        """The points of a sweep, what each lies on, and the time of each."""
+    def _sweep(self, frame: int) -> tuple[Points, RayHits, Floats]:
+        """Return the points of a sweep, what each lies on, and the time of each."""
         time_s, caster = self._time_s(frame), self._caster
         rng = np.random.default_rng([*self._seed, _SWEEP, frame])
         returns, hits = sweep(caster, time_s, self._settings.noise, rng)
@@ -167,8 +167,8 @@ class CityDrive:
             *(values.reshape(height_px, width_px) for values in (hits.name, hits.thing, hits.range_m))
         )
 
-    def _picture(self, frame: int, camera: str) -> tuple[Image, Hits]:
-        """A picture, and what its pixels show, tile by tile."""
+    def _picture(self, frame: int, camera: str) -> tuple[Image, RayHits]:
+        """Return a picture, and what its pixels show, tile by tile."""
         known = [one.name for one in CAMERAS]
         if camera not in known:
             raise BadInput(f"{self.name} has no camera {camera!r}; it has {', '.join(known)}")
@@ -184,7 +184,7 @@ class CityDrive:
         )
         return Image(rgb, FIRST_NS + round(time_s * 1e9)), hits
 
-    def _moved_m(self, hits: Hits, time_s: Floats) -> Floats:
+    def _moved_m(self, hits: RayHits, time_s: Floats) -> Floats:
         moved = np.zeros((len(hits), 3))
         # Exactly 0 where nothing moves, and not a rounding error.
         goes = np.array([thing.motion.moves for thing in self.scene.things] + [False])[hits.thing]

@@ -66,7 +66,7 @@ def look(rng: np.random.Generator, *, child: bool = False) -> Look:
 
 
 def chain(joints_m: Sequence[Triple], radii_m: Sequence[float], surfaces: Sequence[Surface]) -> Mesh:
-    """A limb through several joints, each piece with its own cover."""
+    """Return a limb through several joints, each piece with its own cover."""
     return joined(
         tube(joints_m[n], joints_m[n + 1], radii_m[n], surface, end_radius_m=radii_m[n + 1], sides=7)
         for n, surface in enumerate(surfaces)
@@ -96,7 +96,7 @@ def head(who: Look, neck_m: Triple, helmet: Surface | None = None) -> Mesh:
 
 
 def torso(who: Look, hip_m: Triple, neck_m: Triple, cover: Surface | None = None) -> Mesh:
-    """The trunk, wider than deep, from the hips to the neck."""
+    """Return the trunk, wider than deep, from the hips to the neck."""
     size, across = who.height_m * who.girth, 1.55
     (x, y, z), (x1, _, z1) = hip_m, neck_m
     waist = (x + 0.45 * (x1 - x), y, z + 0.45 * (z1 - z))
@@ -114,7 +114,7 @@ def torso(who: Look, hip_m: Triple, neck_m: Triple, cover: Surface | None = None
 
 
 def shoe(who: Look, ankle_m: Triple) -> Mesh:
-    """A shoe below an ankle."""
+    """Return a shoe below an ankle."""
     x, y, z = ankle_m
     size = 0.145 * who.height_m
     half = 0.26 * size
@@ -198,7 +198,7 @@ def reach(who: Look, x_m: float, shoulder_z_m: float, hand_m: Triple) -> Mesh:
 
 
 def seated_leg(who: Look, hip_m: Triple, knee_m: Triple, ankle_m: Triple) -> Mesh:
-    """A bent leg with its shoe."""
+    """Return a bent leg with its shoe."""
     thick = who.height_m * who.girth
     radii = (0.05 * thick, 0.04 * thick, 0.028 * thick)
     leg = chain((hip_m, knee_m, ankle_m), radii, (who.trousers, who.trousers))

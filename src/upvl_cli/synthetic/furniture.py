@@ -21,7 +21,7 @@ _SLATS = Surface((138, 96, 58), 0.35)
 
 
 def traffic_cone(rng: np.random.Generator) -> Model:
-    """An orange cone with white bands."""
+    """Return an orange cone with white bands."""
     size = float(pick(rng, (0.5, 0.72, 0.72, 0.95)))
     wide, bands = 0.2 * size, pick(rng, (((0.35, 0.55), (0.7, 0.82)), ((0.45, 0.75),)))
     foot = block(
@@ -70,7 +70,7 @@ def barrier(rng: np.random.Generator) -> Model:
 
 
 def wheelie_bin(rng: np.random.Generator) -> Model:
-    """A household bin on two wheels."""
+    """Return a household bin on two wheels."""
     colour = paint(pick(rng, ((36, 92, 52), (36, 70, 150), (44, 46, 50), (104, 72, 44), (90, 94, 98))))
     lid = paint(pick(rng, (colour.rgb, colour.rgb, (236, 196, 30), (36, 70, 150), (150, 30, 34))))
     body = Shell(((-0.22, 0.08), (0.24, 0.02), (0.31, 0.94), (-0.3, 0.94)), 0.48, -0.05)
@@ -87,7 +87,7 @@ def wheelie_bin(rng: np.random.Generator) -> Model:
 
 
 def bench(rng: np.random.Generator) -> Model:
-    """A bench of wooden slats on iron feet, with a back or without."""
+    """Return a bench of wooden slats on iron feet, with a back or without."""
     width = float(rng.uniform(1.4, 2.0)) / 2
     slat = pick(rng, (_SLATS, _SLATS, Surface((96, 70, 48), 0.3), paint((40, 92, 60))))
     parts = [block((x, x + 0.1), (-width, width), (0.42, 0.46), slat) for x in (-0.22, -0.1, 0.02, 0.14)]
@@ -108,7 +108,7 @@ def bench(rng: np.random.Generator) -> Model:
 
 
 def fire_hydrant(rng: np.random.Generator) -> Model:
-    """A post for the fire brigade's hoses."""
+    """Return a post for the fire brigade's hoses."""
     iron = paint(pick(rng, ((206, 28, 30), (206, 28, 30), (240, 190, 30), (40, 84, 170))))
     cap = pick(rng, (iron, paint((226, 226, 222)), paint((240, 190, 30))))
     parts = [
@@ -132,7 +132,7 @@ def fire_hydrant(rng: np.random.Generator) -> Model:
 
 
 def post_box(rng: np.random.Generator) -> Model:
-    """A box for letters: a red pillar, or a yellow or blue box on feet."""
+    """Return a box for letters: a red pillar, or a yellow or blue box on feet."""
     form = int(rng.integers(3))
     if form == 0:
         red = paint((200, 22, 28))
@@ -158,7 +158,7 @@ def post_box(rng: np.random.Generator) -> Model:
 
 
 def bollard(rng: np.random.Generator) -> Model:
-    """A short post that keeps cars away."""
+    """Return a short post that keeps cars away."""
     height = float(rng.uniform(0.8, 1.05))
     lacquer: Surface = pick(rng, (_CAST_IRON, STEEL, paint((40, 44, 48)), paint((240, 190, 30))))
     wide = float(rng.uniform(0.055, 0.09))
@@ -173,7 +173,7 @@ def bollard(rng: np.random.Generator) -> Model:
 
 
 def advertising_column(rng: np.random.Generator) -> Model:
-    """A thick round pillar with posters."""
+    """Return a thick round pillar with posters."""
     grey, cap = Surface((190, 186, 176), 0.4), paint(pick(rng, ((44, 78, 62), (60, 62, 66))))
     parts = [
         tube((0, 0, 0), (0, 0, 0.35), 0.68, grey, sides=20),
@@ -202,7 +202,7 @@ def _pole(height_m: float) -> Mesh:
 
 
 def _disc(size_m: float, z_m: float, x_m: Pair, foil: Surface, sides: int = 20) -> Mesh:
-    """A flat plate that looks forward; with eight sides it stands on one of them."""
+    """Return a flat plate that looks forward; with eight sides it stands on one of them."""
     plate = tube((x_m[0], 0, 0), (x_m[1], 0, 0), size_m, foil, sides=sides)
     cos, sin = np.cos(np.pi / sides), np.sin(np.pi / sides)
     turn = np.array([[1, 0, 0], [0, cos, -sin], [0, sin, cos]])
@@ -219,7 +219,7 @@ _LETTERS = (
 
 
 def stop_sign(rng: np.random.Generator) -> Model:
-    """A red sign of eight sides on a pole."""
+    """Return a red sign of eight sides on a pole."""
     height, size = float(rng.uniform(2.1, 2.5)), float(rng.uniform(0.36, 0.45))
     parts = [_pole(height + 0.2), _disc(size * 0.98, height, (-0.018, -0.006), STEEL, 8)]
     parts.append(_disc(size, height, (-0.01, 0.008), _WHITE_FOIL, 8))
@@ -240,7 +240,7 @@ def stop_sign(rng: np.random.Generator) -> Model:
 
 
 def traffic_sign(rng: np.random.Generator) -> Model:
-    """A round, three-cornered or square sign on a pole: a limit, no entry, give way, a warning, a crossing."""
+    """Return a round, three-cornered or square sign on a pole: a limit, no entry, give way, a warning, a crossing."""
     height = float(rng.uniform(2.0, 2.5))
     form = int(rng.integers(6))
     ink = Surface((26, 26, 30), 0.1)
@@ -275,7 +275,7 @@ def traffic_sign(rng: np.random.Generator) -> Model:
 
 
 def _triangle(size_m: float, z_m: float, x_m: Pair, foil: Surface, turn_rad: float) -> Mesh:
-    """A plate of three corners, one of them on top."""
+    """Return a plate of three corners, one of them on top."""
     angle = turn_rad + np.pi / 2 + np.arange(3) * 2 * np.pi / 3
     outline = [(size_m * float(np.cos(a)), z_m + size_m * float(np.sin(a))) for a in angle]
     plate = prism(outline, x_m[1] - x_m[0], foil)
@@ -283,7 +283,7 @@ def _triangle(size_m: float, z_m: float, x_m: Pair, foil: Surface, turn_rad: flo
 
 
 def _number(z_m: float, ink: Surface) -> list[Mesh]:
-    """A 30 or so."""
+    """Return a 30 or so."""
     zero = ((0, 1, 0, 0.2), (0, 1, 0.8, 1), (0, 0.25, 0.1, 0.9), (0.75, 1, 0.1, 0.9))
     three = ((0, 1, 0, 0.2), (0.2, 1, 0.4, 0.6), (0, 1, 0.8, 1), (0.75, 1, 0.1, 0.9))
     return [

@@ -31,7 +31,7 @@ _BLOCK = np.array(
 
 
 def tinted(surface: Surface, rng: np.random.Generator, spread: int) -> Surface:
-    """The same material in a colour that differs by chance, most of all in brightness."""
+    """Return the same material in a colour that differs by chance, most of all in brightness."""
     shift = int(rng.integers(-spread, spread + 1)) + rng.integers(-4, 5, 3)
     red, green, blue = (int(v) for v in np.clip(np.array(surface.rgb) + shift, 8, 247))
     rgb: Rgb = (red, green, blue)
@@ -39,7 +39,7 @@ def tinted(surface: Surface, rng: np.random.Generator, spread: int) -> Surface:
 
 
 def tree(place_m: Triple, rng: np.random.Generator, *, street: bool, fine: bool) -> Piece:
-    """A tree.
+    """Return a tree.
 
     Args:
         place_m: Where it stands on the ground.
@@ -59,13 +59,13 @@ def tree(place_m: Triple, rng: np.random.Generator, *, street: bool, fine: bool)
 def bushes(
     road: Road, rng: np.random.Generator, side: int, s_m: tuple[float, float], away_m: float
 ) -> list[Piece]:
-    """A few bushes at a distance from the middle of the street."""
+    """Return a few bushes at a distance from the middle of the street."""
     places = [spot(road, rng.uniform(*s_m), side * away_m) for _ in range(rng.integers(0, 3))]
     return [Piece("hedge", _turned(_bush(rng), place, rng)) for place in places]
 
 
 def edge(road: Road, rng: np.random.Generator, side: int, first_m: float, last_m: float) -> Piece:
-    """A wall, a fence or a hedge between two s along the back of the pavement."""
+    """Return a wall, a fence or a hedge between two s along the back of the pavement."""
     name = str(rng.choice(["wall", "fence", "hedge"], p=[0.25, 0.35, 0.4]))
     step = _HEDGE_STEP_M if name == "hedge" else _PANEL_M
     count = max(round((last_m - first_m) / step), 1)
@@ -101,7 +101,7 @@ def blocks(low_m: Array, high_m: Array, surface: Surface) -> Mesh:
 
 
 def _rough(part: Mesh, rng: np.random.Generator) -> Mesh:
-    """The same with an uneven surface."""
+    """Return the same with an uneven surface."""
     middle = part.corner_m.mean(axis=0)
     factor = rng.uniform(0.86, 1.14, (len(part.corner_m), 1))
     return replace(part, corner_m=middle + (part.corner_m - middle) * factor)
@@ -158,7 +158,7 @@ def _conifer(rng: np.random.Generator, leaves: Surface, fine: bool) -> Mesh:
 
 
 def _hedge(places_m: Array, rng: np.random.Generator) -> Mesh:
-    """A rounded bank of leaves."""
+    """Return a rounded bank of leaves."""
     height, half = rng.uniform(0.9, 1.9), rng.uniform(0.22, 0.3)
     steps = np.gradient(np.asarray(places_m), axis=0)[:, :2]
     steps /= np.linalg.norm(steps, axis=1, keepdims=True)

@@ -37,7 +37,7 @@ def near(s_m: float) -> bool:
 
 
 def spot(road: Road, s_m: float, d_m: float) -> Triple:
-    """A single place on the ground."""
+    """Return a single place on the ground."""
     x, y, z = (float(v) for v in road.place(np.array(s_m), np.array(d_m)))
     return x, y, z
 
@@ -84,7 +84,7 @@ def _zone(lines_m: Floats, middle_m: float, edges_m: tuple[float, float, float])
 
 
 def _kept(whole: Mesh, keep: Array) -> Mesh:
-    """Some faces of a mesh, with the corners they need."""
+    """Return some faces of a mesh, with the corners they need."""
     used, face = np.unique(whole.face[keep], return_inverse=True)
     return mesh.of(whole.corner_m[used], face, whole.surfaces[0])
 

@@ -13,7 +13,7 @@ from upvl_cli.synthetic.drive import RATE_HZ, CityDrive
 from upvl_cli.synthetic.kind import CYCLIST, OTHER, PEDESTRIAN, VEHICLE, Kind
 from upvl_cli.synthetic.kinds import CARS
 from upvl_cli.synthetic.piece import STUFF
-from upvl_cli.types import Array, Bools, Ints, Labels
+from upvl_cli.types import Array, Bools, Boxes, Ints, Labels
 
 GROUND_NAMES = ("road", "lane marking", "crosswalk", "kerb", "pavement", "grass")
 
@@ -31,7 +31,7 @@ class CityLabels:
         things = np.array(
             [n for n, thing in enumerate(drive.scene.things) if is_labelled(thing.kind)], dtype=np.int64
         )
-        frames = [boxes(drive, frame.index, things) for frame in drive.frames]
+        frames = [frame_boxes(drive, frame.index, things) for frame in drive.frames]
         kinds = [drive.scene.things[thing].kind for thing in things]
         return exact_labels(
             drive.frames, frames, things, [kind.name for kind in kinds], [kind.type for kind in kinds]
@@ -69,32 +69,33 @@ class CityFlow:
 
 
 def is_labelled(kind: Kind) -> bool:
-    """Whether a kind has labels: all road users, and what moves by itself."""
+    """Return whether a kind has labels: all road users, and what moves by itself."""
     return kind.type != OTHER or kind.speed_mps[1] > 0
 
 
 def flow_class(kind: Kind) -> int:
-    """Place of a kind in `FLOW_CLASSES`."""
+    """Return the index of a kind in `FLOW_CLASSES`."""
     if kind.type == VEHICLE:
         return 1 if kind.name in CARS else 2
     return {PEDESTRIAN: 3, CYCLIST: 4}.get(kind.type, 0)
 
 
-def boxes(drive: CityDrive, frame: int, things: Ints) -> FrameBoxes:
+def frame_boxes(drive: CityDrive, frame: int, things: Ints) -> FrameBoxes:
     """Return the boxes of things in one frame, their velocities, points inside, and which gave points."""
     points, truth = drive.points_with_truth(frame)
-    seven, velocity = np.zeros((len(things), 7)), np.zeros((len(things), 3))
+    center, size, velocity = np.zeros((3, len(things), 3))
+    heading = np.zeros(len(things))
     time_s = np.array([frame, frame + 1]) / RATE_HZ
     for row, number in enumerate(things):
         thing = drive.scene.things[number]
         placed = thing.motion.at(time_s)
         height = thing.model.size_lwh_m[2]
-        centre = placed.world(np.tile([0, 0, height / 2], (2, 1)))
-        heading = np.arctan2(placed.rotation[0, 1, 0], placed.rotation[0, 0, 0])
-        seven[row] = [*centre[0], *thing.model.size_lwh_m, heading]
+        center[row] = placed.world(np.tile([0, 0, height / 2], (2, 1)))[0]
+        size[row] = thing.model.size_lwh_m
+        heading[row] = np.arctan2(placed.rotation[0, 1, 0], placed.rotation[0, 0, 0])
         velocity[row] = (placed.place_m[-1] - placed.place_m[0]) * RATE_HZ
     pose = drive.world_from_ego[frame]
-    seven = transform(seven, inverse(pose))
-    box, _ = pairs_inside(points.xyz_ego_m, seven, margin_m=0.0)
+    boxes = transform(Boxes(center, size, heading), inverse(pose))
+    box, _ = pairs_inside(points.xyz_ego_m, boxes, margin_m=0.0)
     count = np.bincount(box, minlength=len(things))
-    return FrameBoxes(seven, velocity @ pose[:3, :3], count, np.isin(things, truth.thing))
+    return FrameBoxes(boxes, velocity @ pose[:3, :3], count, np.isin(things, truth.thing))

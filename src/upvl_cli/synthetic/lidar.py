@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from upvl_cli.synthetic.cast import Caster, Hits, Rays
+from upvl_cli.synthetic.cast import Caster, RayHits, Rays
 from upvl_cli.types import Array, Floats, Ints, ParallelArrays, array
 
 TURN_S = 0.1
@@ -76,7 +76,7 @@ def _fan(azimuth_rad: Array, elevation_rad: Array) -> Floats:
 
 @cache
 def _tiles(total: int) -> tuple[Ints, Ints]:
-    """The numbers of all rays tile by tile, and where each is among them: neighbours are cast together."""
+    """Return the numbers of all rays tile by tile, and where each is among them: neighbours are cast together."""
     column, row = np.divmod(np.arange(COLUMNS * len(ELEVATION_RAD)), len(ELEVATION_RAD))
     roof = np.lexsort((row, column, row // TILE, column // TILE))
     tiles = np.append(roof, np.arange(len(roof), total))
@@ -84,7 +84,7 @@ def _tiles(total: int) -> tuple[Ints, Ints]:
 
 
 def rays_at(caster: Caster, time_s: float) -> tuple[Rays, Ints]:
-    """The rays of the sweep around a time, and the sensor of each."""
+    """Return the rays of the sweep around a time, and the sensor of each."""
     start, way, column, sensor = directions()
     moments_s = time_s + ((np.arange(COLUMNS) + 0.5) / COLUMNS - 0.5) * TURN_S
     ego = caster.scene.ego.at(moments_s).chosen(column)
@@ -92,7 +92,7 @@ def rays_at(caster: Caster, time_s: float) -> tuple[Rays, Ints]:
     return rays, sensor
 
 
-def sweep(caster: Caster, time_s: float, noisy: float, rng: np.random.Generator) -> tuple[Returns, Hits]:
+def sweep(caster: Caster, time_s: float, noisy: float, rng: np.random.Generator) -> tuple[Returns, RayHits]:
     """One turn of the LiDARs around a time.
 
     Args:

@@ -35,13 +35,13 @@ class Mesh:
     surfaces: tuple[Surface, ...]
 
     def moved(self, shift_m: Triple, yaw_rad: float = 0.0) -> Mesh:
-        """The same, turned about the vertical and then moved."""
+        """Return the same, turned about the vertical and then moved."""
         cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
         turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
         return Mesh(self.corner_m @ turn.T + np.array(shift_m), self.face, self.surface, self.surfaces)
 
     def tilted(self, pitch_rad: float, pivot_m: Triple) -> Mesh:
-        """The same, turned about the left-pointing axis through a place: positive lowers the front."""
+        """Return the same, turned about the left-pointing axis through a place: positive lowers the front."""
         cos, sin = np.cos(pitch_rad), np.sin(pitch_rad)
         turn = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
         pivot = np.array(pivot_m)
@@ -49,7 +49,7 @@ class Mesh:
 
 
 def of(corner_m: Array, face: Array, surface: Surface) -> Mesh:
-    """A mesh of one surface."""
+    """Return a mesh of one surface."""
     faces = np.asarray(face, dtype=np.int64).reshape(-1, 3)
     return Mesh(np.asarray(corner_m, np.float64), faces, np.zeros(len(faces), np.int64), (surface,))
 
@@ -79,7 +79,7 @@ def joined(meshes: Iterable[Mesh]) -> Mesh:
 
 
 def box(size_lwh_m: Triple, centre_m: Triple, surface: Surface, yaw_rad: float = 0.0) -> Mesh:
-    """A block."""
+    """Return a block."""
     length, width, height = size_lwh_m
     return prism(
         [
@@ -94,7 +94,7 @@ def box(size_lwh_m: Triple, centre_m: Triple, surface: Surface, yaw_rad: float =
 
 
 def prism(outline_xz_m: Sequence[Pair], width_m: float, surface: Surface, inset_m: float = 0.0) -> Mesh:
-    """A side view drawn out across, symmetrical to the left and right.
+    """Return a side view drawn out across, symmetrical to the left and right.
 
     Args:
         outline_xz_m: Convex or star-shaped about its mean, counter-clockwise with x right and z up.
@@ -137,7 +137,7 @@ def tube(
     end_radius_m: float | None = None,
     sides: int = 10,
 ) -> Mesh:
-    """A round bar between two places, or a cone where its ends differ."""
+    """Return a round bar between two places, or a cone where its ends differ."""
     start, end = np.array(start_m), np.array(end_m)
     along = (end - start) / np.sqrt(((end - start) ** 2).sum())
     helper = np.eye(3)[np.abs(along).argmin()]
@@ -150,7 +150,7 @@ def tube(
 
 
 def _crossed(a: Floats, b: Floats) -> Floats:
-    """The cross product of two vectors, without numpy's overhead."""
+    """Return the cross product of two vectors, without numpy's overhead."""
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
@@ -175,7 +175,7 @@ def _tube_faces(sides: int) -> Ints:
 
 
 def ellipsoid(size_m: Triple, centre_m: Triple, surface: Surface, *, sides: int = 10) -> Mesh:
-    """A ball, or what is left of one that was pressed."""
+    """Return a ball, or what is left of one that was pressed."""
     corners, faces = _ball(sides)
     return of(corners * np.array(size_m) / 2 + np.array(centre_m), faces, surface)
 
@@ -210,7 +210,7 @@ def _ball(sides: int) -> tuple[Floats, Ints]:
 
 
 def sheet(corner_m: Array, surface: Surface) -> Mesh:
-    """A grid of (n, m, 3) places as a surface; its front is where rows x columns point."""
+    """Return a grid of (n, m, 3) places as a surface; its front is where rows x columns point."""
     rows, columns = np.asarray(corner_m).shape[:2]
     number = np.arange(rows * columns).reshape(rows, columns)
     a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]

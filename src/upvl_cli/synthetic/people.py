@@ -38,7 +38,7 @@ def _hat(who: Look, colour: Surface) -> Mesh:
 
 
 def adult(rng: np.random.Generator) -> Model:
-    """A man or a woman; at times with a skirt, a backpack, a bag or a hat."""
+    """Return a man or a woman; at times with a skirt, a backpack, a bag or a hat."""
     who = look(rng)
     skirt = who.long_hair and rng.random() < 0.5
     bare, sleeves = bool(skirt or rng.random() < 0.12), bool(rng.random() < 0.7)
@@ -54,7 +54,7 @@ def adult(rng: np.random.Generator) -> Model:
 
 
 def child(rng: np.random.Generator) -> Model:
-    """A boy or a girl, at times with a school bag."""
+    """Return a boy or a girl, at times with a school bag."""
     who = look(rng, child=True)
     parts = walker(who, shorts=bool(rng.random() < 0.35), sleeves=bool(rng.random() < 0.5))
     if rng.random() < 0.4:
@@ -143,7 +143,7 @@ _COATS = ((60, 44, 34), (30, 28, 28), (196, 154, 96), (226, 218, 204), (140, 92,
 
 
 def dog(rng: np.random.Generator) -> Model:
-    """A dog, with legs that swing."""
+    """Return a dog, with legs that swing."""
     size = float(rng.uniform(0.6, 1.1))
     coat = Surface(pick(rng, _COATS), 0.35, depth_m=0.01, texture="cloth")
     patch = Surface(pick(rng, _COATS), 0.35, texture="cloth")

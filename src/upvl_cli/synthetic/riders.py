@@ -52,7 +52,7 @@ def _bicycle(frame: Surface) -> list[Mesh]:
 
 
 def _sitting(who: Look, hip: Triple, neck: Triple, hand: Triple, helmet: Surface | None) -> list[Part | Mesh]:
-    """The upper body of somebody who holds a handlebar."""
+    """Return the upper body of somebody who holds a handlebar."""
     share = 0.88
     shoulder = (hip[0] + share * (neck[0] - hip[0]), hip[2] + share * (neck[2] - hip[2]))
     return [torso(who, hip, neck), head(who, neck, helmet), reach(who, *shoulder, hand)]

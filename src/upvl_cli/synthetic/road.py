@@ -110,7 +110,7 @@ class Road:
 
 
 def road(rng: np.random.Generator) -> Road:
-    """A street by chance."""
+    """Return a street by chance."""
     return Road(
         lanes=int(rng.integers(1, 3)),
         parking=bool(rng.random() < 0.75),

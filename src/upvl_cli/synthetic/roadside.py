@@ -63,7 +63,7 @@ def _strip(road: Road, rng: np.random.Generator, side: int) -> list[Piece]:
 
 
 def _small(rng: np.random.Generator) -> list[Piece]:
-    """A sign, a pole or nothing."""
+    """Return a sign, a pole or nothing."""
     what = rng.random()
     if what < 0.45:
         return [Piece("traffic sign", _sign(rng))]
@@ -71,7 +71,7 @@ def _small(rng: np.random.Generator) -> list[Piece]:
 
 
 def _put(road: Road, side: int, s_m: float, behind_m: float, piece: Piece) -> Piece:
-    """A thing behind the kerb of one side (1: left), along its traffic."""
+    """Return a thing behind the kerb of one side (1: left), along its traffic."""
     place = spot(road, s_m, side * (road.kerb_m + behind_m))
     yaw = float(road.heading_rad(np.array(s_m))) + (np.pi if side > 0 else 0.0)
     return Piece(piece.name, piece.mesh.moved(place, yaw))
@@ -127,7 +127,7 @@ def _sign(rng: np.random.Generator) -> Mesh:
 
 
 def _plate(sides: int, rim: Rgb, face: Rgb, height_m: float) -> list[Mesh]:
-    """A round or pointed plate before a post."""
+    """Return a round or pointed plate before a post."""
     radius = 0.32 if sides == 20 else 0.42
     layers = ((0.04, 0.055, 1.0, _BACK), (0.05, 0.062, 0.98, _face(rim)), (0.055, 0.07, 0.72, _face(face)))
     parts = []
@@ -140,7 +140,7 @@ def _plate(sides: int, rim: Rgb, face: Rgb, height_m: float) -> list[Mesh]:
 
 
 def _panel(width_m: float, height_m: float, middle_m: float, rng: np.random.Generator) -> list[Mesh]:
-    """A rectangular plate before a post, with a mark on it."""
+    """Return a rectangular plate before a post, with a mark on it."""
     ground, mark = ((_BLUE, _WHITE), (_WHITE, _BLACK), (_YELLOW, _BLACK))[rng.integers(3)]
     return [
         mesh.box((0.02, width_m, height_m), (-0.05, 0.0, middle_m), _BACK),
@@ -150,7 +150,7 @@ def _panel(width_m: float, height_m: float, middle_m: float, rng: np.random.Gene
 
 
 def _bus_stop(rng: np.random.Generator) -> Mesh:
-    """A shelter open to the roadway, and the stop's sign."""
+    """Return a shelter open to the roadway, and the stop's sign."""
     frame = tinted(DARK, rng, 25)
     posts = [
         mesh.box((0.07, 0.07, 2.7), (x, y, 1.05), frame)
@@ -189,7 +189,7 @@ def _traffic_lights(road: Road, rng: np.random.Generator) -> list[Piece]:
 
 
 def _traffic_light(lit: Rgb, arm_m: float) -> Mesh:
-    """A post with a box of three lights, and another one over the roadway where it has an arm."""
+    """Return a post with a box of three lights, and another one over the roadway where it has an arm."""
     boxes = [_lights(lit).moved((0.0, 0.0, 2.7))]
     post = _post(5.6 if arm_m else 3.2, 0.08, _BACK, 0.06)
     if not arm_m:
@@ -199,7 +199,7 @@ def _traffic_light(lit: Rgb, arm_m: float) -> Mesh:
 
 
 def _lights(lit: Rgb) -> Mesh:
-    """A dark box whose lights look back at the traffic."""
+    """Return a dark box whose lights look back at the traffic."""
     parts = [mesh.box((0.18, 0.32, 0.95), (-0.17, 0.0, 0.0), DARK)]
     for rgb, height in ((_RED, 0.3), (_AMBER, 0.0), (_GREEN, -0.3)):
         red, green, blue = rgb

@@ -21,7 +21,7 @@ def _light_bar(x_m: float, top_m: float, half_m: float, right: Surface, left: Su
 
 
 def police_car(rng: np.random.Generator) -> Model:
-    """A saloon in police colours with a light bar: white and blue, or black and white."""
+    """Return a saloon in police colours with a light bar: white and blue, or black and white."""
     blue = rng.random() < 0.6
     lacquer, door = (paint(WHITE), paint((20, 66, 178))) if blue else (paint((22, 23, 26)), paint(WHITE))
     parts = [*car(SEDAN, lacquer), *tail(SEDAN)]
@@ -39,7 +39,7 @@ def police_car(rng: np.random.Generator) -> Model:
 
 
 def taxi(rng: np.random.Generator) -> Model:
-    """A taxi with its sign on the roof: yellow, black or cream."""
+    """Return a taxi with its sign on the roof: yellow, black or cream."""
     lacquer = paint(pick(rng, ((244, 190, 24), (244, 190, 24), (30, 30, 32), (224, 212, 170))))
     form = pick(rng, (SEDAN, SEDAN, SUV))
     top = max(z for _, z in form.cabin.outline_xz_m)
@@ -65,7 +65,7 @@ _AMBULANCE_BOX = Shell(
 
 
 def ambulance(rng: np.random.Generator) -> Model:
-    """A white box on a van's front, with a stripe of red or orange and blue lights."""
+    """Return a white box on a van's front, with a stripe of red or orange and blue lights."""
     white = paint(WHITE)
     stripe = paint(pick(rng, ((222, 30, 30), (250, 108, 20))))
     cab, body = _AMBULANCE_CAB, _AMBULANCE_BOX

@@ -28,13 +28,13 @@ class Surface(NamedTuple):
 
 
 def paint(rgb: Rgb) -> Surface:
-    """The lacquer of a vehicle; dark colours hardly answer a LiDAR."""
+    """Return the lacquer of a vehicle; dark colours hardly answer a LiDAR."""
     brightness = sum(rgb) / (3 * 255)
     return Surface(rgb, 0.08 + 0.55 * brightness, 0.12 - 0.1 * brightness, gloss=0.25)
 
 
 def cloth(rgb: Rgb) -> Surface:
-    """What people wear."""
+    """Return what people wear."""
     return Surface(rgb, 0.2 + 0.4 * sum(rgb) / (3 * 255), texture="cloth")
 
 

@@ -12,5 +12,5 @@ from upvl_cli.synthetic.roadside import roadside
 
 
 def surroundings(road: Road, rng: np.random.Generator) -> list[Piece]:
-    """The ground and all that stands on it."""
+    """Return the ground and all that stands on it."""
     return [*ground(road), *buildings(road, rng), *roadside(road, rng)]

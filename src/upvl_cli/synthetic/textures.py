@@ -28,7 +28,7 @@ def brightness(texture: str, local_m: Array, normal: Array) -> Floats:
 
 
 def _random(i: Array, j: Array, seed: int) -> Floats:
-    """A number from 0 to 1 for each cell of a grid, always the same one."""
+    """Return a number from 0 to 1 for each cell of a grid, always the same one."""
     mixed = i.astype(np.uint32) * np.uint32(0x9E3779B1) ^ j.astype(np.uint32) * np.uint32(0x85EBCA77)
     mixed = (mixed ^ np.uint32(seed * 0x27D4EB2F & 0xFFFFFFFF)) * np.uint32(0xC2B2AE3D)
     mixed ^= mixed >> np.uint32(15)

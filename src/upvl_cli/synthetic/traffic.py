@@ -151,7 +151,7 @@ def traffic(
 
 
 def _ego(road: Road, is_red: bool, rng: np.random.Generator) -> Driver:
-    """The car with the sensors: at s = 0 at first; it may turn right where the light lets it."""
+    """Return the car with the sensors: at s = 0 at first; it may turn right where the light lets it."""
     lane = int(rng.integers(road.lanes))
     speed = float(rng.uniform(6.0, 10.5))
     turns = lane == road.lanes - 1 and not is_red and rng.random() < 0.5

@@ -47,7 +47,7 @@ def cab(
     width_m: float = 2.45,
     radius_m: float = 0.5,
 ) -> list[Mesh]:
-    """A cab over its engine, flat in front, and the front axles."""
+    """Return a cab over its engine, flat in front, and the front axles."""
     low, high = z_m
     back, belt = front_m - length_m, low + 0.52 * (high - low)
     shell = Shell(
@@ -89,12 +89,12 @@ def tail(rear_m: float, half_m: float, z_m: float) -> list[Mesh]:
 
 
 def frame(x_m: Pair, top_m: float) -> Mesh:
-    """The girders below."""
+    """Return the girders below."""
     return block(x_m, (-0.45, 0.45), (top_m - 0.35, top_m), DARK)
 
 
 def box_truck(rng: np.random.Generator) -> Model:
-    """A lorry with a box, at times with a stripe or a picture on it."""
+    """Return a lorry with a box, at times with a stripe or a picture on it."""
     load = paint(pick(rng, _PAINTS))
     parts = [
         *cab(3.7, 1.75, (0.5, 2.75), paint(pick(rng, _PAINTS)), (2.75,), radius_m=0.47),
@@ -115,7 +115,7 @@ def box_truck(rng: np.random.Generator) -> Model:
 
 
 def _bonneted(lacquer: Surface) -> list[Mesh]:
-    """A cab behind a bonnet, with upright exhausts."""
+    """Return a cab behind a bonnet, with upright exhausts."""
     bonnet = Shell(((6.1, 0.7), (8.0, 0.7), (8.1, 0.85), (8.05, 1.7), (7.9, 1.8), (6.1, 1.95)), 1.8, 0.15)
     cab = Shell(((4.3, 0.7), (6.2, 0.7), (6.2, 1.9), (5.95, 2.8), (5.7, 3.0), (4.3, 3.4)), 2.3, 0.12)
     parts = [bonnet.mesh(lacquer), cab.mesh(lacquer), bonnet.badge((-0.45, 0.45), (0.95, 1.65), CHROME)]
@@ -132,7 +132,7 @@ def _bonneted(lacquer: Surface) -> list[Mesh]:
 
 
 def _trailer(rng: np.random.Generator, lacquer: Surface) -> list[Mesh]:
-    """What is pulled: a box, a container or a tank, of one length."""
+    """Return what is pulled: a box, a container or a tank, of one length."""
     form = int(rng.integers(4))
     if form == 0:
         tank = SHUTTER if rng.random() < 0.6 else lacquer
@@ -155,7 +155,7 @@ def _trailer(rng: np.random.Generator, lacquer: Surface) -> list[Mesh]:
 
 
 def articulated_truck(rng: np.random.Generator) -> Model:
-    """A tractor unit and its long trailer."""
+    """Return a tractor unit and its long trailer."""
     lacquer = paint(pick(rng, _PAINTS))
     american = rng.random() < 0.35
     if american:
@@ -175,7 +175,7 @@ def articulated_truck(rng: np.random.Generator) -> Model:
 
 
 def tipper(rng: np.random.Generator) -> Model:
-    """A lorry with an open skip for sand and stones."""
+    """Return a lorry with an open skip for sand and stones."""
     lacquer = paint(pick(rng, (YELLOW, *_PAINTS)))
     skip = paint(pick(rng, ((226, 112, 30), (96, 100, 104), YELLOW, (60, 110, 60))))
     parts = [*cab(4.1, 1.7, (0.6, 2.95), lacquer, (3.2,), radius_m=0.52), frame((-3.9, 3.8), 1.1)]
@@ -192,7 +192,7 @@ def tipper(rng: np.random.Generator) -> Model:
 
 
 def concrete_mixer(rng: np.random.Generator) -> Model:
-    """A lorry with a turning drum."""
+    """Return a lorry with a turning drum."""
     parts = [*cab(4.2, 1.7, (0.6, 2.95), paint(pick(rng, _PAINTS)), (3.2,)), frame((-4.0, 3.9), 1.1)]
     parts.append(wheels((-2.8, -1.45, 1.9), 1.24, 0.5, 0.35, STEEL, 0.5))
     drum, band = paint(pick(rng, (WHITE, (190, 192, 190), (236, 120, 30)))), paint(pick(rng, _PAINTS[2:]))
@@ -217,7 +217,7 @@ def concrete_mixer(rng: np.random.Generator) -> Model:
 
 
 def garbage_truck(rng: np.random.Generator) -> Model:
-    """A lorry that presses rubbish, with an opening at its rear."""
+    """Return a lorry that presses rubbish, with an opening at its rear."""
     lacquer = paint(pick(rng, ((240, 128, 20), WHITE, (60, 130, 60))))
     load = paint(pick(rng, ((240, 128, 20), (60, 130, 60), (228, 230, 226))))
     parts = [*cab(4.2, 1.8, (0.5, 2.85), lacquer, (3.1,)), frame((-3.6, 4.0), 1.0)]

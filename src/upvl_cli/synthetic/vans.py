@@ -31,7 +31,7 @@ _PICKUP = Form(
 
 
 def _bed(lacquer: Surface) -> list[Mesh]:
-    """The open bed of a pickup."""
+    """Return the open bed of a pickup."""
     bed = Shell(rectangle((-2.68, -0.5), (0.45, 0.72)), 1.87)
     return [
         bed.mesh(lacquer),
@@ -47,7 +47,7 @@ def _bed(lacquer: Surface) -> list[Mesh]:
 
 
 def pickup(rng: np.random.Generator) -> Model:
-    """A car with an open bed at its rear, at times loaded."""
+    """Return a car with an open bed at its rear, at times loaded."""
     lacquer = paint(pick(rng, PAINTS))
     form = _PICKUP
     parts = [*car(form, lacquer), *_bed(lacquer)]
@@ -72,7 +72,7 @@ _VAN = Shell(
 
 
 def _van(lacquer: Surface, glazed: bool) -> list[Mesh]:
-    """A van, with windows along the sides or closed."""
+    """Return a van, with windows along the sides or closed."""
     body = _VAN
     form = Form(
         body, body, (1.3, 2.1), (), (-1.65, 1.85), 0.35, (-0.75, 0.35, 1.35), (0.82, 1.04), (0.9, 1.4)
@@ -91,7 +91,7 @@ def _van(lacquer: Surface, glazed: bool) -> list[Mesh]:
 
 
 def van(rng: np.random.Generator) -> Model:
-    """A van for goods or people."""
+    """Return a van for goods or people."""
     parts = _van(paint(pick(rng, _VAN_PAINTS)), bool(rng.random() < 0.35))
     livery = paint(pick(rng, PAINTS))
     if rng.random() < 0.3:

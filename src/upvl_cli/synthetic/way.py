@@ -32,7 +32,7 @@ class Way:
         return self.road.place(s, d)
 
     def motion(self, along_m: Array, first_s: float) -> Motion:
-        """The motion of what is so far along the way at each sample.
+        """Return the motion of what is so far along the way at each sample.
 
         Args:
             along_m: (k,) metres along the way.

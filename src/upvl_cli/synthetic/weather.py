@@ -35,7 +35,7 @@ class Weather:
 
 
 def weather(rng: np.random.Generator, *, light: float, haze: float) -> Weather:
-    """The weather of a drive by chance: clear to overcast, morning to evening, now and then hazy.
+    """Return the weather of a drive by chance: clear to overcast, morning to evening, now and then hazy.
 
     Args:
         rng: Source of all chance.

@@ -23,7 +23,7 @@ from upvl_cli.synthetic.trucks import SHUTTER, YELLOW, cab, frame, tail
 
 
 def fire_truck(rng: np.random.Generator) -> Model:
-    """A red lorry with silver shutters, a ladder on its roof and blue lights."""
+    """Return a red lorry with silver shutters, a ladder on its roof and blue lights."""
     red = paint(pick(rng, ((206, 20, 24), (220, 34, 20), (180, 16, 24))))
     white = paint(WHITE)
     parts = [*cab(4.2, 2.9, (0.5, 2.8), red, (3.0,), width_m=2.46), frame((-4.0, 4.0), 0.9)]
@@ -50,7 +50,7 @@ def fire_truck(rng: np.random.Generator) -> Model:
 
 
 def tractor(rng: np.random.Generator) -> Model:
-    """A farm tractor: big rear wheels, small front wheels, a narrow bonnet."""
+    """Return a farm tractor: big rear wheels, small front wheels, a narrow bonnet."""
     lacquer = paint(pick(rng, ((44, 122, 46), (194, 30, 30), (36, 84, 168), (226, 116, 26))))
     rim = paint(pick(rng, ((240, 206, 40), (226, 226, 220), (194, 30, 30))))
     bonnet = Shell(
@@ -84,7 +84,7 @@ def tractor(rng: np.random.Generator) -> Model:
 
 
 def crane(rng: np.random.Generator) -> Model:
-    """A mobile crane: a long low carrier, and a boom that lies forward."""
+    """Return a mobile crane: a long low carrier, and a boom that lies forward."""
     yellow = paint(pick(rng, (YELLOW, YELLOW, (236, 130, 24), (204, 40, 36))))
     grey = Surface((92, 96, 100), 0.3)
     carrier = Shell(rectangle((-5.4, 4.2), (0.85, 1.5)), 2.5)

@@ -40,9 +40,9 @@ def test_the_car_is_where_it_is_and_as_fast_as_it_is(tiny: TinyDrive) -> None:
     assert labels.frame.tolist() == [0, 1, 2, 3]
     assert labels.object_id.tolist() == ["0"] * 4 and labels.class_name.tolist() == ["Car"] * 4
     assert labels.type.tolist() == [1] * 4 and labels.difficulty.tolist() == [0] * 4
-    np.testing.assert_allclose(labels.seven, tiny.car_seven, atol=1e-6)
+    np.testing.assert_allclose(labels.to_rows(), tiny.car.to_rows(), atol=1e-6)
     np.testing.assert_allclose(labels.velocity_mps, np.tile(tiny.car_velocity_mps, (4, 1)), atol=1e-6)
-    assert labels.points.tolist() == tiny.car_points.tolist()
+    assert labels.num_points.tolist() == tiny.car_points.tolist()
 
 
 KINDS = {
@@ -54,14 +54,14 @@ KINDS = {
 
 @pytest.mark.parametrize(("kind", "number"), KINDS.items())
 def test_kinds_become_waymos_numbers(tiny: TinyDrive, kind: str, number: int) -> None:
-    write_tracklets(tiny.folder / "tracklet_labels.xml", tiny.car_seven[:, :3], kind)
+    write_tracklets(tiny.folder / "tracklet_labels.xml", tiny.car.center_m, kind)
     labels = KittiLabels(tiny.root).labels(tiny.segment)
     assert set(labels.class_name) == {kind} and set(labels.type.tolist()) == {number}
 
 
 def test_only_frames_that_the_drive_has_are_labelled(tiny: TinyDrive) -> None:
     (tiny.folder / "velodyne_points/data/0000000001.bin").unlink()
-    write_tracklets(tiny.folder / "tracklet_labels.xml", np.vstack([tiny.car_seven, tiny.car_seven])[:, :3])
+    write_tracklets(tiny.folder / "tracklet_labels.xml", np.tile(tiny.car.center_m, (2, 1)))
     source = KittiLabels(tiny.root)
     labels = source.labels(tiny.segment)
     assert labels.frame.tolist() == [0, 2, 3] == source.frames(tiny.segment).tolist()
@@ -99,7 +99,7 @@ HEADINGS = {"-3.2": 2 * np.pi - 3.2, "3.2": 3.2 - 2 * np.pi, "0.25": 0.25, "9.5"
 @pytest.mark.parametrize(("text", "heading"), HEADINGS.items())
 def test_headings_are_wrapped(tiny: TinyDrive, text: str, heading: float) -> None:
     replace_in(tiny.folder / "tracklet_labels.xml", "<rz>0</rz>", f"<rz>{text}</rz>")
-    found = KittiLabels(tiny.root).labels(tiny.segment).seven[0, 6]
+    found = KittiLabels(tiny.root).labels(tiny.segment).heading_rad[0]
     assert found == pytest.approx((heading + np.pi) % (2 * np.pi) - np.pi)
     assert -np.pi <= found < np.pi
 
@@ -108,7 +108,7 @@ def test_a_drive_may_have_no_object(tiny: TinyDrive) -> None:
     (tiny.folder / "tracklet_labels.xml").write_text("<x><tracklets><count>0</count></tracklets></x>")
     source = KittiLabels(tiny.root)
     labels = source.labels(tiny.segment)
-    assert len(labels) == 0 and labels.seven.shape == (0, 7)
+    assert len(labels) == 0 and labels.size_lwh_m.shape == (0, 3)
     assert source.frames(tiny.segment).tolist() == [0, 1, 2, 3]  # seen, and nothing was there
 
 
@@ -184,16 +184,16 @@ def test_a_drive_without_labels_says_what_it_expected(tmp_path: Path) -> None:
 # ---- object labels of single frames
 
 
-def object_line(kind: str, seven: np.ndarray) -> str:
+def object_line(kind: str, box: np.ndarray) -> str:
     """The box in KITTI's own terms: the middle of its floor, and its angle about the camera's y."""
     ego_from_rect = (R_RECT @ VELO_TO_CAM_R).T
-    centre = R_RECT @ (VELO_TO_CAM_R @ seven[:3] + VELO_TO_CAM_T)
-    floor = centre + [0, seven[5] / 2, 0]
+    centre = R_RECT @ (VELO_TO_CAM_R @ box[:3] + VELO_TO_CAM_T)
+    floor = centre + [0, box[5] / 2, 0]
     # The angle whose direction, in camera axes, is that of the heading seen from above.
     angles = np.linspace(-np.pi, np.pi, 1_000_001)
     along = np.column_stack([np.cos(angles), 0 * angles, -np.sin(angles)]) @ ego_from_rect.T
-    error = np.angle(np.exp(1j * (np.arctan2(along[:, 1], along[:, 0]) - seven[6])))
-    length, width, height = seven[3:6]
+    error = np.angle(np.exp(1j * (np.arctan2(along[:, 1], along[:, 0]) - box[6])))
+    length, width, height = box[3:6]
     values = [0, 0, 0, 1, 2, 3, 4, height, width, length, *floor, angles[np.abs(error).argmin()]]
     return f"{kind} {' '.join(map(str, values))}\n"
 
@@ -205,7 +205,7 @@ def objects(tmp_path: Path) -> TinyDrive:
     folder = tiny.folder / "object_label_2"
     folder.mkdir()
     turned = np.r_[20.0, -3.0, -0.8, CAR_LWH_M, 2.0]
-    lines = [object_line("Car", tiny.car_seven[1]), object_line("Pedestrian", turned)]
+    lines = [object_line("Car", tiny.car.to_rows()[1]), object_line("Pedestrian", turned)]
     (folder / "0000000001.txt").write_text(lines[0] + f"DontCare{' -1' * 14}\n" + lines[1])
     (folder / "0000000003.txt").write_text("")
     (folder / "0000000009.txt").write_text(lines[0])
@@ -217,10 +217,10 @@ def test_object_labels_come_to_ego_axes(objects: TinyDrive) -> None:
     assert labels.frame.tolist() == [1, 1]
     assert labels.class_name.tolist() == ["Car", "Pedestrian"] and labels.type.tolist() == [1, 2]
     assert len(set(labels.object_id)) == 2
-    expected = [objects.car_seven[1], [20.0, -3.0, -0.8, *CAR_LWH_M, 2.0]]
-    np.testing.assert_allclose(labels.seven, expected, atol=1e-5)
+    expected = [objects.car.to_rows()[1], [20.0, -3.0, -0.8, *CAR_LWH_M, 2.0]]
+    np.testing.assert_allclose(labels.to_rows(), expected, atol=1e-5)
     assert np.isnan(labels.velocity_mps).all()
-    assert labels.points[0] > 0.9 * objects.car_points[1]  # this drive has no poses to untwist its sweeps
+    assert labels.num_points[0] > 0.9 * objects.car_points[1]  # this drive has no poses to untwist its sweeps
 
 
 def test_only_labelled_frames_count(objects: TinyDrive) -> None:
@@ -269,10 +269,10 @@ def test_the_front_view_is_what_the_left_colour_camera_sees(tiny: TinyDrive) -> 
 
 def test_the_front_view_needs_the_calibration_but_no_pictures(tmp_path: Path) -> None:
     tiny = write_drive(tmp_path / "a", images=False)
-    assert KittiLabels(tiny.root).covers(tiny.segment, tiny.car_seven[:, :3]).all()
+    assert KittiLabels(tiny.root).covers(tiny.segment, tiny.car.center_m).all()
     tiny = write_drive(tmp_path / "b", calibration=False)
     with pytest.raises(BadInput, match="has no calibration of image_02"):
-        KittiLabels(tiny.root).covers(tiny.segment, tiny.car_seven[:, :3])
+        KittiLabels(tiny.root).covers(tiny.segment, tiny.car.center_m)
 
 
 # ---- the real drives
@@ -290,9 +290,9 @@ def test_the_real_tracklets(shared: Path) -> None:
     moving = {object_id for object_id, median in medians.items() if median > 1.0}
     assert moving == {"3", "10", "11"}  # the tram and two cyclists
     assert speed_mps[~np.isin(labels.object_id, list(moving))].max() < 0.6  # four parked cars
-    assert labels.points[labels.object_id == "10"].min() >= 50
+    assert labels.num_points[labels.object_id == "10"].min() >= 50
     tram = labels[labels.object_id == "3"]
-    assert source.covers("2011_09_26_drive_0001_sync", tram.seven[:, :3]).all()
+    assert source.covers("2011_09_26_drive_0001_sync", tram.center_m).all()
 
 
 @pytest.mark.real
@@ -301,7 +301,7 @@ def test_the_real_object_labels_stand_on_the_points(shared: Path) -> None:
     segment = "2011_09_26_drive_0052_sync"
     labels = source.labels(segment)
     assert source.frames(segment).tolist() == [7, 14, 21, 31]
-    assert len(labels) == 31 and labels.points.min() > 50
-    assert (np.abs(labels.seven[:, 6]) < 0.1).all()  # a queue that looks the way the ego does
-    floor_m = labels.seven[:, 2] - labels.seven[:, 5] / 2
+    assert len(labels) == 31 and labels.num_points.min() > 50
+    assert (np.abs(labels.heading_rad) < 0.1).all()  # a queue that looks the way the ego does
+    floor_m = labels.center_m[:, 2] - labels.size_lwh_m[:, 2] / 2
     assert (np.abs(floor_m + 1.65) < 0.4).all()

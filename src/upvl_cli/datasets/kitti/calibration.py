@@ -89,7 +89,7 @@ class _Fields:
 
 
 def read_calibration(folder: Path) -> Calibration:
-    """What the `calib_*.txt` of a folder give; a missing file leaves its part out.
+    """Return what the `calib_*.txt` of a folder give; a missing file leaves its part out.
 
     Args:
         folder: The folder of the recording day.

@@ -194,7 +194,7 @@ def _frames(
 def _cameras(
     folder: Path, calibration: Calibration, numbers: Sequence[int], skipped: Counter[str]
 ) -> tuple[tuple[Camera, ...], dict[str, dict[int, Picture]]]:
-    """The cameras that have pictures and a calibration, and their pictures of the frames of these numbers."""
+    """Return the cameras that have pictures and a calibration, and their pictures of the frames of these numbers."""
     cameras, pictures = [], {}
     for name in _CAMERAS:
         paths = numbered_files(folder / name / "data", ".png")
@@ -225,7 +225,7 @@ def _pictures(
 
 
 def _without_car(values: Array) -> Array:
-    """The points of a sweep, (n, 4), that do not lie on the car that carries the LiDAR."""
+    """Return the points of a sweep, (n, 4), that do not lie on the car that carries the LiDAR."""
     x_m, y_m = values[:, 0], values[:, 1]
     along = (x_m > _CAR_X_M[0]) & (x_m < _CAR_X_M[1])
     on_car = along & (y_m > _CAR_Y_M[0]) & (y_m < _CAR_Y_M[1])

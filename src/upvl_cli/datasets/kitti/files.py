@@ -20,12 +20,16 @@ _NUMBER = "[0-9]" * 10  # a file is named by its frame, in ten digits
 
 
 def numbered_files(folder: Path, suffix: str) -> dict[int, Path]:
-    """The files of a folder by frame number, in ascending order; empty where there is no such folder."""
+    """Return the files of a folder by frame number, in ascending order; empty where there is no such folder."""
     return {int(path.stem): path for path in sorted(folder.glob(_NUMBER + suffix))}
 
 
 def read_sweep(path: Path) -> Array:
-    """The (n, 4) float32 x, y, z and reflectance of a `.bin`; `BadInput` where it is missing, cut off or no sweep."""
+    """Return (n, 4) float32 x, y, z and reflectance of a `.bin`.
+
+    Raises:
+        BadInput: The file is missing, cut off or no sweep.
+    """
     content = read_bytes(path)
     if not content or len(content) % _POINT_BYTES:
         raise BadInput(
@@ -67,7 +71,7 @@ def check_picture(path: Path, width_px: int, height_px: int) -> None:
 
 
 def read_picture(path: Path, width_px: int, height_px: int) -> Array:
-    """The (height, width, 3) uint8 of a PNG; raises `BadInput` where it is damaged or of another size."""
+    """Return the (height, width, 3) uint8 of a PNG; raises `BadInput` where it is damaged or of another size."""
     check_picture(path, width_px, height_px)
     with _opened(path) as picture:
         return np.array(picture.convert("RGB"))
@@ -75,7 +79,7 @@ def read_picture(path: Path, width_px: int, height_px: int) -> Array:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Image.Image]:
-    """A PNG while it is read; what is wrong with it is raised as `BadInput`, and said but once."""
+    """Open a PNG while it is read; what is wrong with it is raised as `BadInput`, and said but once."""
     try:
         with warnings.catch_warnings(action="ignore"), Image.open(path, formats=("PNG",)) as picture:
             yield picture

@@ -16,9 +16,9 @@ from upvl_cli.errors import BadInput
 from upvl_cli.geometry.boxes import points_inside
 from upvl_cli.geometry.camera import project
 from upvl_cli.geometry.se3 import apply
-from upvl_cli.types import Array, Bools, Ints, Labels
+from upvl_cli.types import Array, Bools, Boxes, Ints, Labels, concat
 
-# Waymo's numbers; a kind that is not here ("Misc") is 0.
+# Waymo's numbers; a class that is not here ("Misc") is 0.
 _TYPES = {
     **dict.fromkeys(("Car", "Van", "Truck", "Tram", "Bus"), 1),
     **dict.fromkeys(("Pedestrian", "Person", "Person (sitting)", "Person_sitting"), 2),
@@ -85,10 +85,10 @@ def _object_files(drive: KittiDrive) -> dict[int, Path]:
 
 def _tracklets(drive: KittiDrive) -> Labels:
     tracklets = read_tracklets(_tracklets_path(drive))
-    frames = [first + np.arange(len(seven)) for _, first, seven in tracklets]
-    kinds = [kind for kind, _, seven in tracklets for _ in seven]
-    ids = [str(number) for number, (_, _, seven) in enumerate(tracklets) for _ in seven]
-    return _labels(frames, [seven for _, _, seven in tracklets], kinds, ids)
+    frames = [tracklet.first_frame + np.arange(len(tracklet.boxes)) for tracklet in tracklets]
+    class_names = [tracklet.class_name for tracklet in tracklets for _ in range(len(tracklet.boxes))]
+    ids = [str(number) for number, tracklet in enumerate(tracklets) for _ in range(len(tracklet.boxes))]
+    return _labels(frames, [tracklet.boxes for tracklet in tracklets], class_names, ids)
 
 
 def _objects(drive: KittiDrive) -> Labels:
@@ -100,34 +100,37 @@ def _objects(drive: KittiDrive) -> Labels:
         )
     ego_from_rect = np.linalg.inv(drive.calibration.rect_from_ego)
     found = {frame: read_objects(path, ego_from_rect) for frame, path in files.items()}
-    frames = [np.full(len(kinds), frame) for frame, (kinds, _) in found.items()]
-    all_kinds = [kind for kinds, _ in found.values() for kind in kinds]
+    frames = [np.full(len(boxes), frame) for frame, (_, boxes) in found.items()]
+    class_names = [name for names, _ in found.values() for name in names]
     # The files name no object, so an object of each frame is another one.
-    ids = [f"{frame}-{number}" for frame, (kinds, _) in found.items() for number in range(len(kinds))]
-    return _labels(frames, [seven for _, seven in found.values()], all_kinds, ids)
+    ids = [f"{frame}-{number}" for frame, (names, _) in found.items() for number in range(len(names))]
+    return _labels(frames, [boxes for _, boxes in found.values()], class_names, ids)
 
 
-def _labels(frames: list[Array], sevens: list[Array], kinds: list[str], ids: list[str]) -> Labels:
-    return Labels.from_rows(
-        np.concatenate([*sevens, np.empty((0, 7))]),
+def _labels(frames: list[Array], parts: list[Boxes], class_names: list[str], ids: list[str]) -> Labels:
+    boxes = concat(parts, Boxes)
+    return Labels(
+        boxes.center_m,
+        boxes.size_lwh_m,
+        boxes.heading_rad,
         frame=np.concatenate([*frames, np.empty(0)]),
         object_id=np.array(ids, dtype=str),
-        class_name=np.array(kinds, dtype=str),
-        type=np.array([_TYPES.get(kind, 0) for kind in kinds]),
-        velocity_mps=np.full((len(kinds), 3), np.nan),
-        num_points=np.full(len(kinds), -1),
-        difficulty=np.zeros(len(kinds)),
+        class_name=np.array(class_names, dtype=str),
+        type=np.array([_TYPES.get(name, 0) for name in class_names]),
+        velocity_mps=np.full((len(boxes), 3), np.nan),
+        num_points=np.full(len(boxes), -1),
+        difficulty=np.zeros(len(boxes)),
     )
 
 
 def _velocities(labels: Labels, drive: KittiDrive) -> Array:
-    """(n, 3) over ground, from each object's frame before to its frame after; NaN where it has one frame."""
+    """Return (n, 3) velocities over ground between the neighboring frames of an object; NaN for a single frame."""
     if drive.world_from_ego is None or not len(labels):
         return labels.velocity_mps
     step = np.searchsorted([frame.index for frame in drive.frames], labels.frame)
     time_ns = np.array([frame.time_ns for frame in drive.frames])[step]
     world_from_ego = drive.world_from_ego[step]  # (n, 4, 4)
-    place_m = apply(world_from_ego, labels.center_m[:, None])[:, 0]
+    center_world_m = apply(world_from_ego, labels.center_m[:, None])[:, 0]
     order = np.lexsort((labels.frame, labels.object_id))
     same = labels.object_id[order][1:] == labels.object_id[order][:-1]
     before, after = order.copy(), order.copy()
@@ -135,17 +138,18 @@ def _velocities(labels: Labels, drive: KittiDrive) -> Array:
     seconds = (time_ns[after] - time_ns[before]) / 1e9
     velocity = np.full((len(labels), 3), np.nan)
     moved = seconds > 0
-    velocity[order[moved]] = (place_m[after] - place_m[before])[moved] / seconds[moved, None]
+    velocity[order[moved]] = (center_world_m[after] - center_world_m[before])[moved] / seconds[moved, None]
     return (velocity[:, None] @ world_from_ego[:, :3, :3])[:, 0]
 
 
 def _on_points(labels: Labels, drive: KittiDrive) -> Labels:
-    """The boxes moved as the points that they were drawn around, and how many points are inside."""
-    seven = labels.seven.copy()
+    """Return the boxes moved as the points that they were drawn around, and how many points are inside."""
+    center_m = labels.center_m.copy()
     count = np.zeros(len(labels), dtype=np.int64)
     for frame in np.unique(labels.frame).tolist():
         here = labels.frame == frame
-        seven[here, :3] = drive.untwist(frame, seven[here, :3])
+        center_m[here] = drive.untwist(frame, center_m[here])
+        boxes = Boxes(center_m[here], labels.size_lwh_m[here], labels.heading_rad[here])
         xyz_ego_m = drive.points(frame).xyz_ego_m
-        count[here] = points_inside(xyz_ego_m, seven[here], margin_m=0.0).sum(axis=1)
-    return replace(labels, center_m=seven[:, :3], num_points=count)
+        count[here] = points_inside(xyz_ego_m, boxes, margin_m=0.0).sum(axis=1)
+    return replace(labels, center_m=center_m, num_points=count)

@@ -18,7 +18,7 @@ _MOST_WAY_M = 1e6  # from the first frame: more than a car drives in a day
 
 
 def world_from_ego(records: Mapping[int, Path], frames: Sequence[int], ego_from_imu: Array) -> Array:
-    """The pose of each frame: x east, y north, z up, with the first frame's LiDAR at the origin.
+    """Return the pose of each frame: x east, y north, z up, with the first frame's LiDAR at the origin.
 
     Args:
         records: The record of each frame number; the first of them sets the scale of the projection, so

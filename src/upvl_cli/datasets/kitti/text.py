@@ -15,7 +15,7 @@ _TIME = re.compile(r"(19|20)\d\d-\d\d-\d\d \d\d:\d\d:\d\d(\.\d{1,9})?")
 
 
 def read_bytes(path: Path) -> bytes:
-    """The content of a file; raises `BadInput` where it is missing or may not be read."""
+    """Return the content of a file; raises `BadInput` where it is missing or may not be read."""
     try:
         return path.read_bytes()
     except OSError as error:
@@ -25,7 +25,7 @@ def read_bytes(path: Path) -> bytes:
 
 
 def read_text(path: Path) -> str:
-    """The content of a text file; raises `BadInput` where it cannot be read or is not text."""
+    """Return the content of a text file; raises `BadInput` where it cannot be read or is not text."""
     try:
         return read_bytes(path).decode("utf-8")
     except UnicodeDecodeError:
@@ -33,7 +33,7 @@ def read_text(path: Path) -> str:
 
 
 def numbers(text: str, count: int, where: str) -> Array:
-    """The numbers of one line.
+    """Return the numbers of one line.
 
     Args:
         text: Numbers between blanks.
@@ -54,7 +54,7 @@ def numbers(text: str, count: int, where: str) -> Array:
 
 
 def read_times(path: Path) -> dict[int, int]:
-    """The time of each frame: line k of a `timestamps.txt` belongs to frame number k, counted from 0.
+    """Return the time of each frame: line k of a `timestamps.txt` belongs to frame number k, counted from 0.
 
     Returns:
         Frame number to nanoseconds since 1970; a blank line gives its frame no time. Raises `BadInput`

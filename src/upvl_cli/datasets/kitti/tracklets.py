@@ -1,7 +1,8 @@
-"""The objects of KITTI's `tracklet_labels.xml`: one size and kind an object, one pose a frame."""
+"""The objects of KITTI's `tracklet_labels.xml`: one size and class an object, one pose a frame."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -10,7 +11,7 @@ import numpy as np
 from upvl_cli.datasets.kitti.text import numbers, read_text
 from upvl_cli.errors import BadInput
 from upvl_cli.geometry.se3 import wrap_angle
-from upvl_cli.types import Array
+from upvl_cli.types import Array, Boxes
 
 # A box takes 480 bytes in the file of drive 0001, so this is 70 000 boxes: more than any drive has.
 _MOST_BYTES = 32 * 2**20
@@ -19,8 +20,23 @@ _MOST_M = 1e4  # a LiDAR sees a few hundred metres
 _AGAIN = "copy the file from the data set again"
 
 
-def read_tracklets(path: Path) -> list[tuple[str, int, Array]]:
-    """Return each object's kind, the number of its first frame, and its (n, 7) boxes of n frames in a row.
+@dataclass(frozen=True)
+class Tracklet:
+    """One object of a drive.
+
+    Attributes:
+        class_name: KITTI's name of its class, for example "Car".
+        first_frame: Number of its first frame.
+        boxes: Its boxes, one for each frame from the first on, in ego axes.
+    """
+
+    class_name: str
+    first_frame: int
+    boxes: Boxes
+
+
+def read_tracklets(path: Path) -> list[Tracklet]:
+    """Return the objects of a drive.
 
     Args:
         path: The `tracklet_labels.xml`; its boxes are in LiDAR axes and so in ego axes.
@@ -49,11 +65,13 @@ def _root(path: Path) -> ElementTree.Element:
         raise BadInput(f"{path} is not whole XML ({error}); {_AGAIN}") from None
 
 
-def _tracklet(item: ElementTree.Element, where: str) -> tuple[str, int, Array]:
-    kind = item.findtext("objectType", "")
+def _tracklet(item: ElementTree.Element, where: str) -> Tracklet:
+    class_name = item.findtext("objectType", "")
     height_m, width_m, length_m, first = _values(item, ("h", "w", "l", "first_frame"), where)
-    if not kind or not min(height_m, width_m, length_m) > 0:
-        raise BadInput(f"{where}: {kind!r} of {length_m} x {width_m} x {height_m} m is no object; {_AGAIN}")
+    if not class_name or not min(height_m, width_m, length_m) > 0:
+        raise BadInput(
+            f"{where}: {class_name!r} of {length_m} x {width_m} x {height_m} m is no object; {_AGAIN}"
+        )
     _check_near(np.array([height_m, width_m, length_m]), where)
     if not 0 <= first < _MOST_FRAMES or first != int(first):
         raise BadInput(f"{where}: first_frame is {first}, expected the number of a frame; {_AGAIN}")
@@ -61,11 +79,12 @@ def _tracklet(item: ElementTree.Element, where: str) -> tuple[str, int, Array]:
     rows = [_values(pose, ("tx", "ty", "tz", "rz"), f"{where}, pose {i}") for i, pose in enumerate(poses)]
     x, y, bottom, heading = np.array(rows).reshape(-1, 4).T
     _check_near(np.array([x, y, bottom]), where)
-    seven = np.empty((len(rows), 7))
-    seven[:, 0], seven[:, 1], seven[:, 2] = x, y, bottom + height_m / 2
-    seven[:, 3:6] = length_m, width_m, height_m
-    seven[:, 6] = wrap_angle(heading)
-    return kind, int(first), seven
+    boxes = Boxes(
+        center_m=np.column_stack([x, y, bottom + height_m / 2]),
+        size_lwh_m=np.tile([length_m, width_m, height_m], (len(rows), 1)),
+        heading_rad=wrap_angle(heading),
+    )
+    return Tracklet(class_name, int(first), boxes)
 
 
 def _values(element: ElementTree.Element, tags: tuple[str, ...], where: str) -> Array:

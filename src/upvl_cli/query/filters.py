@@ -1,0 +1,60 @@
+"""Filters of a query: bounds on boxes that need no feature."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+
+from upvl_cli.query.index import Objects
+from upvl_cli.types import Bools
+
+
+@dataclass(frozen=True)
+class Filters:
+    """Which boxes a query considers; None sets no bound, and every bound belongs to what passes.
+
+    Attributes:
+        segments: Names of the drives; an empty collection takes all.
+        moving: True for moving boxes only, False for parked ones only.
+        min_speed_mps: Minimum horizontal speed over the ground.
+        max_speed_mps: Maximum horizontal speed over the ground.
+        max_range_m: Maximum horizontal distance of the centre from the ego origin.
+        from_s: Earliest time since the first frame of the drive.
+        to_s: Latest time since the first frame of the drive.
+        min_confidence: Minimum score of the box itself.
+    """
+
+    segments: Collection[str] = ()
+    moving: bool | None = None
+    min_speed_mps: float | None = None
+    max_speed_mps: float | None = None
+    max_range_m: float | None = None
+    from_s: float | None = None
+    to_s: float | None = None
+    min_confidence: float | None = None
+
+    def includes(self, segment: str) -> bool:
+        """Return whether a drive is considered."""
+        return not self.segments or segment in self.segments
+
+    def mask(self, objects: Objects, moving_mps: float) -> Bools:
+        """Return (n,) which boxes pass.
+
+        Args:
+            objects: n boxes.
+            moving_mps: Minimum speed of a moving box.
+        """
+        speed, passes = objects.speed_mps, np.ones(len(objects), dtype=np.bool_)
+        if self.moving is not None:
+            passes &= (speed >= moving_mps) == self.moving
+        for values, minimum, maximum in (
+            (speed, self.min_speed_mps, self.max_speed_mps),
+            (objects.range_m, None, self.max_range_m),
+            (objects.time_s, self.from_s, self.to_s),
+            (objects.confidence, self.min_confidence, None),
+        ):
+            passes &= True if minimum is None else values >= minimum
+            passes &= True if maximum is None else values <= maximum
+        return passes
