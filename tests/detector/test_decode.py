@@ -114,3 +114,8 @@ def test_each_sample_has_its_own_boxes() -> None:
     np.testing.assert_allclose(first.center_m, BOXES.center_m[:1], atol=1e-5)
     np.testing.assert_allclose(second.center_m, BOXES.center_m[1:2], atol=1e-5)
     np.testing.assert_allclose([first.score[0], second.score[0]], [0.9, 0.8], atol=1e-6)
+
+
+def test_a_suppressed_box_stays_suppressed_when_another_is_kept_in_between() -> None:
+    boxes = concat([BOXES[:1], BOXES[1:2], shifted(BOXES[:1], x=0.5)], Boxes)
+    np.testing.assert_allclose(decoded(boxes, [0.9, 0.8, 0.7]).score, [0.9, 0.8], atol=1e-6)
