@@ -20,7 +20,7 @@ from tiny_clip import CONTEXT, IMAGE, MEAN, PATCH, STD
 from torch.nn import functional
 
 from upvl_cli.errors import BadInput, BadSetting
-from upvl_cli.vlm.clip import Clip, resized_size, files, window_starts
+from upvl_cli.vlm.clip import Clip, files, resized_size, window_starts
 
 WORDS = ["car", "red car", "tree"]
 Saved = tuple[Path, Any]
