@@ -12,7 +12,7 @@ from upvl_cli.geometry.camera import project
 from upvl_cli.geometry.se3 import from_yaw
 from upvl_cli.perception.visual.open_vocabulary import COMPONENTS, Basis
 from upvl_cli.perception.visual.pixel_features import CameraRig, move_to_image_time
-from upvl_cli.perception.visual.views import NO_CAMERA, NO_VIEW, SEEN
+from upvl_cli.perception.visual.views import NO_CAMERA, NO_VIEW, OCCLUDED, SEEN
 from upvl_cli.stages.extract_vl import ExtractVlConfig
 from upvl_cli.types import Array, Camera, Image
 
@@ -86,3 +86,11 @@ def test_without_cameras_no_point_is_seen() -> None:
     seen = rig().visibility(0, XYZ, np.zeros(4, bool), None, [])
     assert (seen.state == NO_VIEW).all() and (seen.camera == NO_CAMERA).all()
     assert seen.features(place_colors, BASIS).shape == (0, COMPONENTS)
+
+
+def test_an_occluded_point_is_counted_as_such() -> None:
+    """The second of two points on one ray is hidden; a third one is out of view."""
+    xyz = np.array([[10.0, 0, 0], [30, 0, 0], [10, 0.5, 0], [10, -0.5, 0], [0, 20, 0]])
+    seen = rig(FRONT).visibility(0, xyz, np.zeros(5, bool), None, [image(0)])
+    assert seen.counts["occluded"] == (seen.state == OCCLUDED).sum() == 1
+    assert seen.counts["no view"] == 1 and seen.counts["seen by front"] == 3
