@@ -8,7 +8,6 @@ import reprlib
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import fields
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
@@ -60,8 +59,9 @@ def merge(values: Values, over: Values) -> dict[str, object]:
     merged = dict(values)
     for name, value in over.items():
         below = merged.get(name)
-        both = isinstance(value, Mapping) and isinstance(below, Mapping)
-        merged[name] = merge(below, value) if both else value
+        if isinstance(value, Mapping) and isinstance(below, Mapping):
+            value = merge(below, value)
+        merged[name] = value
     return merged
 
 
@@ -84,8 +84,7 @@ def read_toml(path: Path) -> dict[str, object]:
         raise BadSetting(f"{path} cannot be read: {error.strerror}") from None
 
 
-@cache
-def _model_of(config: Any) -> type[BaseModel]:
+def _model_of(config: type[Config]) -> type[BaseModel]:
     """Return the pydantic model that checks the settings: strict types, bounds of each item, no unknown keys."""
     from pydantic import ConfigDict, Field, create_model
 
