@@ -93,3 +93,11 @@ def test_the_ground_below_is_a_median_of_enough_points_near_enough() -> None:
     for few, expected in ((4, 1.25 + 0.5), (5, 5.0)):  # four points are below: the last is 0.35 m beside
         rule = GroundingConfig(margin_m=0.3, min_points=few)
         assert put_on_ground(box, ground, rule).center_m[0, 2] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("distills", [True, False])
+def test_boxes_without_points_are_counted_too(distills: bool) -> None:
+    nothing = FrameInput(np.zeros((0, 6), np.float32), np.zeros((0, 3)), 0.0)
+    found = predict(network(distills), nothing, replace(DECODING, min_score=0.0), RULE)
+    assert found.num_points.tolist() == found.point_feature.count.tolist() == [0] * len(found.boxes)
+    assert len(found.boxes) > 0
