@@ -28,7 +28,6 @@ REPLACED = {
     "tells": "a head, or a prediction",
     "told": "prediction, or message",
     "trust": "pseudo_label_min_score",
-    "paste": "pasted_objects",
     "distil": "distillation",
     "each_cell": "anchors_per_cell",
     "Alike": "ShapeClassifier",
@@ -54,7 +53,7 @@ REPLACED = {
     "refined": "a verb",
 }
 # As words of the settings of `train` they mean something private; elsewhere they are plain words.
-REPLACED_SETTINGS = {"rounds", "encoder", "rate", "keep_sweeps"}
+REPLACED_SETTINGS = {"encoder", "rate", "paste", "keep_sweeps"}
 
 
 def identifiers(path: Path) -> Iterator[str]:

@@ -10,14 +10,14 @@ from scenes import SHIPPED, shifted
 
 from upvl_cli.detector.config import AugmentationConfig
 from upvl_cli.detector.data.augment import augment, move_scene, paste_objects
-from upvl_cli.detector.data.scene import Scene
+from upvl_cli.detector.data.scene import TrainingScene
 from upvl_cli.geometry.boxes import points_inside
 from upvl_cli.types import Boxes, concat, empty
 
 BOX = Boxes.from_rows(np.array([[10.0, 4, 1, 4, 2, 1.6, 0.5]]))
 
 
-def filled(boxes: Boxes, velocity_mps: np.ndarray, mark: int, each: int = 50) -> Scene:
+def filled(boxes: Boxes, velocity_mps: np.ndarray, mark: int, each: int = 50) -> TrainingScene:
     """Boxes with points of two sweeps in each, and as many points beside of them."""
     rng = np.random.default_rng(mark)
     cos, sin = np.cos(boxes.heading_rad), np.sin(boxes.heading_rad)
@@ -35,14 +35,14 @@ def filled(boxes: Boxes, velocity_mps: np.ndarray, mark: int, each: int = 50) ->
     whole = np.concatenate(points).astype(np.float32)
     codes = np.full((len(points[0]), 64), mark, np.int8)
     code_of = np.concatenate([np.arange(len(points[0])), np.full(len(points[1]), -1)]).astype(np.int32)
-    return Scene(whole, code_of, codes, boxes, velocity_mps)
+    return TrainingScene(whole, code_of, codes, boxes, velocity_mps)
 
 
 STILL = np.zeros((1, 3))
 FAST = np.array([[20.0, 5, 0]])
 
 
-def held(scene: Scene, number: int = 0) -> np.ndarray:
+def held(scene: TrainingScene, number: int = 0) -> np.ndarray:
     """The points in a box, those of the older sweep where it was then."""
     xyz = scene.points[:, :3] - scene.points[:, 5:] * scene.velocity_mps[number]
     return points_inside(xyz, scene.boxes[number : number + 1], margin_m=0.001)[0]
@@ -87,7 +87,7 @@ def test_an_object_comes_with_its_points_of_both_sweeps_and_their_features() -> 
 def test_nothing_is_set_where_something_is() -> None:
     scene = filled(BOX, STILL, 1)
     assert paste_objects(scene, filled(shifted(BOX, x=1), STILL, 2), np.array([0])) is scene
-    nothing = Scene(
+    nothing = TrainingScene(
         np.zeros((0, 6), np.float32),
         np.zeros(0, np.int32),
         np.zeros((0, 64), np.int8),
@@ -99,7 +99,7 @@ def test_nothing_is_set_where_something_is() -> None:
 
 def test_what_was_there_gives_way() -> None:
     scene = filled(BOX, STILL, 1)
-    bare = Scene(scene.points, scene.code_of, scene.codes, empty(Boxes), np.zeros((0, 3)))
+    bare = TrainingScene(scene.points, scene.code_of, scene.codes, empty(Boxes), np.zeros((0, 3)))
     after = paste_objects(bare, filled(BOX, STILL, 2), np.array([0]))
     assert held(after).sum() == 100
     assert len(after.points) == len(scene.points)

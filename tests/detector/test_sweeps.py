@@ -12,7 +12,7 @@ from scenes import SHIPPED, shifted
 from upvl_cli.detector.config import AugmentationConfig, SamplingConfig
 from upvl_cli.detector.data.frames import DriveFrames, Source
 from upvl_cli.detector.data.sampler import frame_at
-from upvl_cli.detector.data.scene import Scene
+from upvl_cli.detector.data.scene import TrainingScene
 from upvl_cli.detector.data.sweeps import Trajectory, TwoSweeps
 from upvl_cli.detector.grid import Grid
 from upvl_cli.geometry.se3 import apply, from_yaw, inverse
@@ -66,7 +66,7 @@ def test_features_stay_with_their_points() -> None:
     points = sweeps(one.world_from_ego[:2], lambda frame: sweep(frame)[0]).points(1)
     seen = np.arange(0, len(sweep(1)[0]), 7)
     codes = np.repeat((np.arange(len(seen)) % 100).astype(np.int8)[:, None], 64, axis=1)
-    sample = Scene.of_frame(points, seen, codes, empty(Boxes), np.zeros((0, 3))).sample(
+    sample = TrainingScene.of_frame(points, seen, codes, empty(Boxes), np.zeros((0, 3))).sample(
         GRID, lambda c: c * 0.5, SHIPPED.sampling, np.random.default_rng(0)
     )
     assert GRID.contains(sample.points).all()
@@ -82,7 +82,7 @@ def test_features_are_learned_from_a_sample_of_the_points() -> None:
     points = np.zeros((20_000, 6), dtype=np.float32)
     points[:, 0] = np.linspace(-5, 5, len(points))
     codes = np.repeat((np.arange(len(points)) % 100).astype(np.int8)[:, None], 64, axis=1)
-    whole = Scene.of_frame(points, np.arange(len(points)), codes, empty(Boxes), np.zeros((0, 3)))
+    whole = TrainingScene.of_frame(points, np.arange(len(points)), codes, empty(Boxes), np.zeros((0, 3)))
     one, other = (
         whole.sample(GRID, lambda c: c * 1.0, SHIPPED.sampling, np.random.default_rng(seed))
         for seed in (0, 1)
@@ -98,7 +98,7 @@ def test_half_of_the_features_are_those_of_objects_however_small() -> None:
     points[:100, 1], points[100:110, 1] = 10, -10  # two objects, of 100 points and of 10
     boxes = Boxes.from_rows(np.array([[0.0, y, 0, 20, 1, 1, 0] for y in (10, -10)]))
     codes = np.zeros((len(points), 64), np.int8)
-    whole = Scene.of_frame(points, np.arange(len(points)), codes, boxes, np.zeros((2, 3)))
+    whole = TrainingScene.of_frame(points, np.arange(len(points)), codes, boxes, np.zeros((2, 3)))
     sample = whole.sample(GRID, lambda c: c * 1.0, SHIPPED.sampling, np.random.default_rng(0))
     assert len(sample.seen) == 8192
     assert (np.diff(sample.seen) >= 0).all()
@@ -130,7 +130,9 @@ def test_the_number_and_the_share_of_features_are_those_of_the_settings() -> Non
     points = np.zeros((1000, 6), dtype=np.float32)
     points[:, 0] = np.linspace(-5, 5, len(points))
     box = Boxes.from_rows(np.array([[-4.0, 0, 0, 1, 1, 1, 0]]))  # a tenth of the points
-    whole = Scene.of_frame(points, np.arange(1000), np.zeros((1000, 64), np.int8), box, np.zeros((1, 3)))
+    whole = TrainingScene.of_frame(
+        points, np.arange(1000), np.zeros((1000, 64), np.int8), box, np.zeros((1, 3))
+    )
     for share, expected in ((1.0, 200), (0.5, 110), (0.0, 20)):
         config = SamplingConfig(features_per_frame=200, box_share=share)
         sample = whole.sample(GRID, lambda c: c * 1.0, config, np.random.default_rng(0))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from upvl_cli.drawing.contact_sheet import Shot, contact_sheet
+from upvl_cli.drawing.contact_sheet import LabelledPicture, contact_sheet
 from upvl_cli.errors import BadSetting
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.runtime.atomic import atomic_file
@@ -38,7 +38,7 @@ def preview(workspace: Workspace, segment: str, frame: int | None) -> Path:
     shots = []
     for camera in from_left:
         image, truth = drive.image_with_truth(chosen, camera.name)
-        shots.append(Shot(image.rgb, truth.name))
+        shots.append(LabelledPicture(image.rgb, truth.name))
     points, known = drive.points_with_truth(chosen)
     title = f"{segment}  frame {chosen}  {len(points):,} points  {len(drive.scene.things)} things"
     sheet = contact_sheet(shots, points.xyz_ego_m, known.name, drive.scene.names, title)

@@ -195,11 +195,11 @@ class _Backbone(nn.Module):
         sides = (width, 2 * width, 4 * width)
         before = (width, *sides[:-1])
         self.down = nn.ModuleList(
-            nn.Sequential(_Conv(a, b, 2), _Conv(b, b, 1), _Conv(b, b, 1))
+            nn.Sequential(_ConvNorm(a, b, 2), _ConvNorm(b, b, 1), _ConvNorm(b, b, 1))
             for a, b in zip(before, sides, strict=True)
         )
         self.level = nn.ModuleList(nn.Conv2d(side, 2 * width, 1, bias=False) for side in sides)
-        self.mix = _Conv(2 * width, 4 * width, 1)
+        self.mix = _ConvNorm(2 * width, 4 * width, 1)
 
     def forward(self, canvas: Tensor) -> Tensor:
         scales = []
@@ -215,7 +215,7 @@ class _Backbone(nn.Module):
         return mixed
 
 
-class _Conv(nn.Module):
+class _ConvNorm(nn.Module):
     """A convolution, its norm and a ReLU."""
 
     def __init__(self, before: int, after: int, stride: int) -> None:

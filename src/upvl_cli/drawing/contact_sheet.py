@@ -17,7 +17,7 @@ LINE_PX = 18
 SKY: colours.Colour = (150, 190, 225)
 
 
-class Shot(NamedTuple):
+class LabelledPicture(NamedTuple):
     """A picture and the number of the name of each pixel, -1 for the sky."""
 
     rgb: Array
@@ -25,7 +25,7 @@ class Shot(NamedTuple):
 
 
 def contact_sheet(
-    shots: Sequence[Shot], xyz_ego_m: Array, name: Ints, names: Sequence[str], title: str
+    shots: Sequence[LabelledPicture], xyz_ego_m: Array, name: Ints, names: Sequence[str], title: str
 ) -> Image.Image:
     """Draw the sheet: a strip of pictures, the same by name, and below them the sweep and the names.
 

@@ -24,7 +24,7 @@ COLUMNS = 2
 
 
 @dataclass(frozen=True)
-class Shot:
+class HitPicture:
     """Picture that shows a box, its camera, and the part of it to show (left, top, right, bottom)."""
 
     rgb: Array
@@ -53,7 +53,7 @@ def part_with_box(camera: Camera, box: TrackedBoxes) -> tuple[float, float, floa
     return float(left), float(top), float(right), float(bottom)
 
 
-def tile(xyz_ego_m: Array, box: TrackedBoxes, shot: Shot | None, title: str) -> Image.Image:
+def tile(xyz_ego_m: Array, box: TrackedBoxes, shot: HitPicture | None, title: str) -> Image.Image:
     """Draw one object: from above, and beside it the crop of the picture.
 
     Args:
@@ -77,7 +77,7 @@ def tile(xyz_ego_m: Array, box: TrackedBoxes, shot: Shot | None, title: str) -> 
     return image
 
 
-def _crop(shot: Shot, box: TrackedBoxes, height_px: int) -> Image.Image:
+def _crop(shot: HitPicture, box: TrackedBoxes, height_px: int) -> Image.Image:
     picture = camera_view(shot.rgb, shot.camera, box)
     scale = picture.width / shot.rgb.shape[1]
     left, top, right, bottom = (round(edge * scale) for edge in shot.part_px)

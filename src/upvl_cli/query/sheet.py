@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from upvl_cli.drawing.hit_sheet import Shot, part_with_box, sheet, tile
+from upvl_cli.drawing.hit_sheet import HitPicture, part_with_box, sheet, tile
 from upvl_cli.errors import UpvlError
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.query.find import Hits
@@ -56,7 +56,7 @@ def _points(workspace: Workspace, segment: str, frame: int) -> Array:
     return np.zeros((0, 3))
 
 
-def _largest_view(workspace: Workspace, segment: str, frame: int, box: TrackedBoxes) -> Shot | None:
+def _largest_view(workspace: Workspace, segment: str, frame: int, box: TrackedBoxes) -> HitPicture | None:
     """Return the picture in which the box is largest; None where no picture shows it."""
     with suppress(UpvlError):
         drive = workspace.drive(segment)
@@ -65,7 +65,7 @@ def _largest_view(workspace: Workspace, segment: str, frame: int, box: TrackedBo
         for camera, part in sorted(views, key=lambda view: -_area(view[1])):
             image = drive.image(frame, camera.name)
             if image is not None:
-                return Shot(image.rgb, camera, part)
+                return HitPicture(image.rgb, camera, part)
     return None
 
 

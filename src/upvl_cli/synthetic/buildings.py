@@ -15,7 +15,7 @@ from upvl_cli.synthetic.ground import END_M, START_M, near, spot
 from upvl_cli.synthetic.mesh import Mesh, Triple
 from upvl_cli.synthetic.piece import Piece
 from upvl_cli.synthetic.road import Road
-from upvl_cli.synthetic.surface import BRICK, CONCRETE, GLASS, PLASTER, STEEL, TILES, WOOD, Surface
+from upvl_cli.synthetic.surface import BRICK, CONCRETE, GLASS, PLASTER, STEEL, TILES, WOOD, Material
 from upvl_cli.types import Array
 
 _CORNER_M = 9.0  # between the side street's middle and the first building
@@ -31,8 +31,8 @@ _WALLS = (
     *(CONCRETE._replace(rgb=rgb) for rgb in ((160, 160, 154), (128, 132, 136))),
 )
 _ROOFS = (TILES, TILES._replace(rgb=(84, 82, 86), reflectance=0.2), TILES._replace(rgb=(112, 66, 48)))
-_FRAMES = (Surface((232, 232, 228), 0.6), Surface((92, 70, 54), 0.3), Surface((66, 70, 76), 0.2))
-_DOORS = (WOOD, Surface((66, 84, 72), 0.3), Surface((116, 40, 36), 0.3), Surface((60, 70, 96), 0.3))
+_FRAMES = (Material((232, 232, 228), 0.6), Material((92, 70, 54), 0.3), Material((66, 70, 76), 0.2))
+_DOORS = (WOOD, Material((66, 84, 72), 0.3), Material((116, 40, 36), 0.3), Material((60, 70, 96), 0.3))
 
 
 class Lot(NamedTuple):
@@ -67,10 +67,10 @@ class Facade(NamedTuple):
         window_m: Width and height of a window.
     """
 
-    wall: Surface
-    frame: Surface
-    glass: Surface
-    door: Surface
+    wall: Material
+    frame: Material
+    glass: Material
+    door: Material
     floors: int
     floor_m: float
     pitch_m: float
@@ -186,7 +186,7 @@ def _block(lot: Lot, rng: np.random.Generator) -> Mesh:
         parts += _both_ends(facade, width, depth)
         if rng.random() < 0.5:
             parts += _balconies(facade, width, rng)
-    return mesh.joined(parts)
+    return mesh.merge(parts)
 
 
 def _house(lot: Lot, rng: np.random.Generator) -> Mesh:
@@ -204,14 +204,14 @@ def _house(lot: Lot, rng: np.random.Generator) -> Mesh:
         parts += [
             part.moved((0.0, -length / 2, 0.0)) for part in _windows(facade, attic, (1.0, 1.0), lot.near)
         ]
-    turned = mesh.joined(parts).moved((0.0, depth / 2, 0.0), 0.0 if gable else np.pi / 2)
+    turned = mesh.merge(parts).moved((0.0, depth / 2, 0.0), 0.0 if gable else np.pi / 2)
     plinth = _standing(width, depth, 0.35, tinted(CONCRETE, rng, 30), 0.04)
     openings = _openings(facade, width, lot.near, door=True)
-    return mesh.joined([turned, plinth, *openings, *(_both_ends(facade, width, depth) if lot.near else [])])
+    return mesh.merge([turned, plinth, *openings, *(_both_ends(facade, width, depth) if lot.near else [])])
 
 
 def _gabled(
-    span_m: float, length_m: float, eaves_m: float, slope: float, wall: Surface, roof: Surface
+    span_m: float, length_m: float, eaves_m: float, slope: float, wall: Material, roof: Material
 ) -> list[Mesh]:
     """Walls, both sides of the roof and a chimney; the ridge along y."""
     half = span_m / 2
@@ -236,7 +236,7 @@ def _facade(rng: np.random.Generator, floors: int, floor_m: float, *, wide: bool
     return Facade(wall, frame, glass, door, floors, floor_m, pitch, window)
 
 
-def _standing(width_m: float, depth_m: float, height_m: float, surface: Surface, out_m: float = 0.0) -> Mesh:
+def _standing(width_m: float, depth_m: float, height_m: float, surface: Material, out_m: float = 0.0) -> Mesh:
     """Walls from below the ground up, so far outside those of the building."""
     size = (width_m + 2 * out_m, depth_m + 2 * out_m, height_m + _SUNK_M)
     return mesh.box(size, (0.0, depth_m / 2, (height_m - _SUNK_M) / 2), surface)
@@ -272,7 +272,7 @@ def _windows(facade: Facade, places_m: Array, size_m: tuple[float, float], near:
 
 def _both_ends(facade: Facade, width_m: float, depth_m: float) -> list[Mesh]:
     """Windows in the walls to the left and to the right."""
-    wall = mesh.joined(_openings(facade, depth_m, True, door=False))
+    wall = mesh.merge(_openings(facade, depth_m, True, door=False))
     return [wall.moved((side * width_m / 2, depth_m / 2, 0.0), side * np.pi / 2) for side in (-1, 1)]
 
 

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from upvl_cli.synthetic.bodywork import block, pick, scaled
-from upvl_cli.synthetic.mesh import Mesh, Triple, ellipsoid, joined, tube
+from upvl_cli.synthetic.mesh import Mesh, Triple, ellipsoid, merge, tube
 from upvl_cli.synthetic.model import Part
-from upvl_cli.synthetic.surface import DARK, SKIN, Rgb, Surface, cloth
+from upvl_cli.synthetic.surface import DARK, SKIN, Material, Rgb, cloth
 
 _SKINS: tuple[Rgb, ...] = (SKIN.rgb, (232, 192, 166), (172, 122, 90), (124, 84, 60), (84, 58, 44))
 _HAIRS: tuple[Rgb, ...] = ((30, 24, 22), (70, 46, 30), (116, 78, 44), (196, 160, 92), (150, 146, 142))
@@ -41,11 +41,11 @@ class Look(NamedTuple):
     height_m: float
     girth: float
     head: float
-    skin: Surface
-    hair: Surface
-    top: Surface
-    trousers: Surface
-    shoes: Surface
+    skin: Material
+    hair: Material
+    top: Material
+    trousers: Material
+    shoes: Material
     long_hair: bool
 
 
@@ -56,8 +56,8 @@ def look(rng: np.random.Generator, *, child: bool = False) -> Look:
         height_m=float(height),
         girth=float(rng.uniform(0.9, 1.2)),
         head=1.28 if child else 1.0,
-        skin=Surface(pick(rng, _SKINS), 0.45),
-        hair=Surface(pick(rng, _HAIRS[:-1] if child else _HAIRS), 0.25),
+        skin=Material(pick(rng, _SKINS), 0.45),
+        hair=Material(pick(rng, _HAIRS[:-1] if child else _HAIRS), 0.25),
         top=cloth(pick(rng, TOPS)),
         trousers=cloth(pick(rng, _TROUSERS)),
         shoes=pick(rng, (DARK, cloth((230, 230, 226)), cloth((110, 70, 44)))),
@@ -65,15 +65,15 @@ def look(rng: np.random.Generator, *, child: bool = False) -> Look:
     )
 
 
-def chain(joints_m: Sequence[Triple], radii_m: Sequence[float], surfaces: Sequence[Surface]) -> Mesh:
+def chain(joints_m: Sequence[Triple], radii_m: Sequence[float], surfaces: Sequence[Material]) -> Mesh:
     """Return a limb through several joints, each piece with its own cover."""
-    return joined(
+    return merge(
         tube(joints_m[n], joints_m[n + 1], radii_m[n], surface, end_radius_m=radii_m[n + 1], sides=7)
         for n, surface in enumerate(surfaces)
     )
 
 
-def head(who: Look, neck_m: Triple, helmet: Surface | None = None) -> Mesh:
+def head(who: Look, neck_m: Triple, helmet: Material | None = None) -> Mesh:
     """Neck, head, and hair or a helmet; looks forward."""
     x, y, z = neck_m
     size = 0.13 * who.height_m * who.head
@@ -84,7 +84,7 @@ def head(who: Look, neck_m: Triple, helmet: Surface | None = None) -> Mesh:
     ]
     if helmet:
         cap = (1.12 * size, 0.98 * size, 0.8 * size)
-        return joined([*parts, ellipsoid(cap, (x - 0.005, y, middle + 0.26 * size), helmet, sides=10)])
+        return merge([*parts, ellipsoid(cap, (x - 0.005, y, middle + 0.26 * size), helmet, sides=10)])
     hair = ellipsoid(
         (0.86 * size, 0.78 * size, 0.78 * size), (x - 0.1 * size, y, middle + 0.18 * size), who.hair
     )
@@ -92,10 +92,10 @@ def head(who: Look, neck_m: Triple, helmet: Surface | None = None) -> Mesh:
     if who.long_hair:
         fall = (0.4 * size, 0.74 * size, 1.2 * size)
         parts.append(ellipsoid(fall, (x - 0.3 * size, y, middle - 0.2 * size), who.hair, sides=8))
-    return joined(parts)
+    return merge(parts)
 
 
-def torso(who: Look, hip_m: Triple, neck_m: Triple, cover: Surface | None = None) -> Mesh:
+def torso(who: Look, hip_m: Triple, neck_m: Triple, cover: Material | None = None) -> Mesh:
     """Return the trunk, wider than deep, from the hips to the neck."""
     size, across = who.height_m * who.girth, 1.55
     (x, y, z), (x1, _, z1) = hip_m, neck_m
@@ -110,7 +110,7 @@ def torso(who: Look, hip_m: Triple, neck_m: Triple, cover: Surface | None = None
         who.trousers,
         sides=8,
     )
-    return scaled(joined([body, seat]), (1.0, across, 1.0))
+    return scaled(merge([body, seat]), (1.0, across, 1.0))
 
 
 def shoe(who: Look, ankle_m: Triple) -> Mesh:
@@ -131,7 +131,7 @@ def walker(
     sleeves: bool = True,
     shorts: bool = False,
     x_m: float = 0.0,
-    bag: Surface | None = None,
+    bag: Material | None = None,
 ) -> list[Part | Mesh]:
     """Somebody upright, whose legs and arms swing.
 
@@ -154,7 +154,7 @@ def walker(
         shin = who.skin if shorts else who.trousers
         leg = chain(joints, (0.052 * thick, 0.04 * thick, 0.028 * thick), (who.trousers, shin))
         pivot = (x_m, y, 0.51 * tall)
-        parts.append(Part(joined([leg, shoe(who, ankle)]), stride, pivot, phase))
+        parts.append(Part(merge([leg, shoe(who, ankle)]), stride, pivot, phase))
         if arms:
             held = bag if way == 1 else None
             parts.append(_arm(who, way, x_m, stride * 0.8, phase + np.pi, sleeves, held))
@@ -162,7 +162,7 @@ def walker(
 
 
 def _arm(
-    who: Look, way: int, x_m: float, swing_rad: float, phase_rad: float, sleeves: bool, bag: Surface | None
+    who: Look, way: int, x_m: float, swing_rad: float, phase_rad: float, sleeves: bool, bag: Material | None
 ) -> Part:
     tall, thick = who.height_m, who.height_m * who.girth
     y, out = way * 0.118 * thick, way * 0.13 * thick
@@ -180,7 +180,7 @@ def _arm(
         low = z - 0.19 * tall
         parts.append(block((x - 0.15, x + 0.15), (out - 0.04, out + 0.04), (low, z - 0.055 * tall), bag))
         parts.append(block((x - 0.06, x + 0.06), (out - 0.012, out + 0.012), (low, z - 0.03 * tall), DARK))
-    return Part(joined(parts), swing_rad, joints[0], phase_rad)
+    return Part(merge(parts), swing_rad, joints[0], phase_rad)
 
 
 def reach(who: Look, x_m: float, shoulder_z_m: float, hand_m: Triple) -> Mesh:
@@ -194,7 +194,7 @@ def reach(who: Look, x_m: float, shoulder_z_m: float, hand_m: Triple) -> Mesh:
         joints: list[Triple] = [(float(p[0]), float(p[1]), float(p[2])) for p in (start, middle, end)]
         parts.append(chain(joints, (0.034 * thick, 0.027 * thick, 0.02 * thick), (who.top, who.top)))
         parts.append(ellipsoid((0.09, 0.07, 0.07), joints[2], who.skin, sides=6))
-    return joined(parts)
+    return merge(parts)
 
 
 def seated_leg(who: Look, hip_m: Triple, knee_m: Triple, ankle_m: Triple) -> Mesh:
@@ -202,4 +202,4 @@ def seated_leg(who: Look, hip_m: Triple, knee_m: Triple, ankle_m: Triple) -> Mes
     thick = who.height_m * who.girth
     radii = (0.05 * thick, 0.04 * thick, 0.028 * thick)
     leg = chain((hip_m, knee_m, ankle_m), radii, (who.trousers, who.trousers))
-    return joined([leg, shoe(who, ankle_m)])
+    return merge([leg, shoe(who, ankle_m)])

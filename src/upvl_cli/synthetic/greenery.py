@@ -11,12 +11,12 @@ from upvl_cli.synthetic.ground import near, spot
 from upvl_cli.synthetic.mesh import Mesh, Triple
 from upvl_cli.synthetic.piece import Piece
 from upvl_cli.synthetic.road import Road
-from upvl_cli.synthetic.surface import BARK, BRICK, CONCRETE, LEAVES, PLASTER, STEEL, WOOD, Rgb, Surface
+from upvl_cli.synthetic.surface import BARK, BRICK, CONCRETE, LEAVES, PLASTER, STEEL, WOOD, Material, Rgb
 from upvl_cli.types import Array
 
 _PANEL_M = 2.4  # length of one panel of a wall or a fence
 _HEDGE_STEP_M = 0.8
-_FENCES: tuple[Surface, ...] = (
+_FENCES: tuple[Material, ...] = (
     WOOD,
     WOOD._replace(rgb=(104, 84, 62)),
     WOOD._replace(rgb=(222, 220, 210), reflectance=0.6),
@@ -30,7 +30,7 @@ _BLOCK = np.array(
 )
 
 
-def tinted(surface: Surface, rng: np.random.Generator, spread: int) -> Surface:
+def tinted(surface: Material, rng: np.random.Generator, spread: int) -> Material:
     """Return the same material in a colour that differs by chance, most of all in brightness."""
     shift = int(rng.integers(-spread, spread + 1)) + rng.integers(-4, 5, 3)
     red, green, blue = (int(v) for v in np.clip(np.array(surface.rgb) + shift, 8, 247))
@@ -79,7 +79,7 @@ def edge(road: Road, rng: np.random.Generator, side: int, first_m: float, last_m
     middles = (places[1:] + places[:-1]) / 2
     yaws = np.arctan2(steps[:, 1], steps[:, 0])
     moved = [panel.moved((x, y, z), float(yaw)) for (x, y, z), yaw in zip(middles, yaws, strict=True)]
-    return Piece(name, mesh.joined(moved))
+    return Piece(name, mesh.merge(moved))
 
 
 def _turned(grown: Mesh, place_m: Triple, rng: np.random.Generator) -> Mesh:
@@ -92,7 +92,7 @@ def _bush(rng: np.random.Generator) -> Mesh:
     return _rough(mesh.ellipsoid((width, width, height), (0.0, 0.0, height * 0.42), leaves), rng)
 
 
-def blocks(low_m: Array, high_m: Array, surface: Surface) -> Mesh:
+def blocks(low_m: Array, high_m: Array, surface: Material) -> Mesh:
     """Blocks along the axes between (n, 3) lowest and highest corners."""
     bits = (np.arange(8)[:, None] >> np.arange(3)) & 1
     corners = np.where(bits[None], np.asarray(high_m)[:, None], np.asarray(low_m)[:, None])
@@ -107,7 +107,7 @@ def _rough(part: Mesh, rng: np.random.Generator) -> Mesh:
     return replace(part, corner_m=middle + (part.corner_m - middle) * factor)
 
 
-def _leafy(rng: np.random.Generator, leaves: Surface, fine: bool, *, clear_m: float, slim: bool) -> Mesh:
+def _leafy(rng: np.random.Generator, leaves: Material, fine: bool, *, clear_m: float, slim: bool) -> Mesh:
     """Trunk, branches and a crown of several balls, which starts at least so high."""
     wide = rng.uniform(1.0, 1.3) if slim else rng.uniform(1.6, 2.1)
     tall = rng.uniform(5.0, 8.0) if slim else rng.uniform(4.0, 6.2)
@@ -134,10 +134,10 @@ def _leafy(rng: np.random.Generator, leaves: Surface, fine: bool, *, clear_m: fl
         if fine:
             start = (0.0, 0.0, float(low - 0.5 + 0.3 * share * tall))
             parts.append(mesh.tube(start, (x, y, middle), radius * 0.4, bark, sides=5))
-    return mesh.joined(parts)
+    return mesh.merge(parts)
 
 
-def _conifer(rng: np.random.Generator, leaves: Surface, fine: bool) -> Mesh:
+def _conifer(rng: np.random.Generator, leaves: Material, fine: bool) -> Mesh:
     tall, wide = rng.uniform(6.0, 11.0), rng.uniform(1.4, 2.2)
     parts = [mesh.tube((0.0, 0.0, -0.3), (0.0, 0.0, 1.6), 0.17, BARK, sides=8)]
     count = 5 if fine else 2
@@ -154,7 +154,7 @@ def _conifer(rng: np.random.Generator, leaves: Surface, fine: bool) -> Mesh:
             sides=11 if fine else 7,
         )
         parts.append(_rough(cone, rng))
-    return mesh.joined(parts)
+    return mesh.merge(parts)
 
 
 def _hedge(places_m: Array, rng: np.random.Generator) -> Mesh:
@@ -177,7 +177,7 @@ def _wall(length_m: float, rng: np.random.Generator) -> Mesh:
     """One panel of a wall, along x, with a coping."""
     surface = tinted((BRICK, PLASTER, CONCRETE)[rng.integers(3)], rng, 16)
     height, thick = rng.uniform(0.8, 1.9), 0.24
-    return mesh.joined(
+    return mesh.merge(
         [
             mesh.box((length_m, thick, height + 0.5), (0.0, 0.0, height / 2 - 0.25), surface),
             mesh.box((length_m, thick + 0.08, 0.07), (0.0, 0.0, height + 0.045), CONCRETE),
@@ -199,4 +199,4 @@ def _fence(length_m: float, rng: np.random.Generator, fine: bool) -> Mesh:
     if pickets:
         low = np.array([[x, -0.045, 0.05] for x in np.arange(-length_m / 2 + 0.14, length_m / 2 - 0.2, 0.2)])
         parts.append(blocks(low, low + np.array([0.09, 0.03, height - 0.05]), surface))
-    return mesh.joined(parts)
+    return mesh.merge(parts)

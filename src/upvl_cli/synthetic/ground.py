@@ -8,7 +8,7 @@ from upvl_cli.synthetic import mesh
 from upvl_cli.synthetic.mesh import Mesh, Triple
 from upvl_cli.synthetic.piece import Piece
 from upvl_cli.synthetic.road import KERB_RUN_M, LANE_M, SIDE_HALF_M, Road
-from upvl_cli.synthetic.surface import ASPHALT, GRASS, KERB, MARKING, PAVEMENT, Surface
+from upvl_cli.synthetic.surface import ASPHALT, GRASS, KERB, MARKING, PAVEMENT, Material
 from upvl_cli.types import Array, Floats, Ints
 
 START_M, END_M = -165.0, 265.0  # s of the first and the last place with ground
@@ -23,7 +23,7 @@ _PAINT_M = 0.008  # height of paint above the roadway
 _LINE_M = 0.14
 _BAR_M = 0.5
 # From the middle of a street outwards; the numbers are places in this tuple.
-_ZONES: tuple[tuple[str, Surface], ...] = (
+_ZONES: tuple[tuple[str, Material], ...] = (
     ("road", ASPHALT),
     ("kerb", KERB),
     ("pavement", PAVEMENT),
@@ -61,8 +61,8 @@ def _surfaces(road: Road) -> list[Piece]:
     places = road.place(s[:, None], d)
     pieces = []
     for number, (name, surface) in enumerate(_ZONES):
-        whole = mesh.sheet(places, surface)
-        pieces.append(Piece(name, _kept(whole, np.tile(zone.ravel() == number, 2))))
+        carpet = mesh.sheet(places, surface)
+        pieces.append(Piece(name, _kept(carpet, np.tile(zone.ravel() == number, 2))))
     return pieces
 
 
@@ -83,10 +83,10 @@ def _zone(lines_m: Floats, middle_m: float, edges_m: tuple[float, float, float])
     return np.asarray(np.searchsorted(np.array(edges_m), away))
 
 
-def _kept(whole: Mesh, keep: Array) -> Mesh:
+def _kept(carpet: Mesh, keep: Array) -> Mesh:
     """Return some faces of a mesh, with the corners they need."""
-    used, face = np.unique(whole.face[keep], return_inverse=True)
-    return mesh.of(whole.corner_m[used], face, whole.surfaces[0])
+    used, face = np.unique(carpet.face[keep], return_inverse=True)
+    return mesh.of(carpet.corner_m[used], face, carpet.surfaces[0])
 
 
 def _painted(road: Road, s_m: tuple[float, float], d_m: tuple[float, float]) -> Mesh:
@@ -106,7 +106,7 @@ def _markings(road: Road) -> Mesh:
         _painted(road, (stop_m, stop_m + _BAR_M), (-road.lanes * LANE_M + 0.2, -0.2)),
         _painted(road, (stretches[1][0] - _BAR_M, stretches[1][0]), (0.2, road.lanes * LANE_M - 0.2)),
     ]
-    return mesh.joined([*parts, *_side_markings(road)])
+    return mesh.merge([*parts, *_side_markings(road)])
 
 
 def _along(road: Road, first_m: float, last_m: float) -> list[Mesh]:
@@ -147,4 +147,4 @@ def _crossing(road: Road) -> Mesh:
     """Bars along the street, from kerb to kerb."""
     first, last = (road.side_s_m - SIDE_HALF_M - away for away in CROSSING_M)
     starts = np.arange(-road.kerb_m + 0.35, road.kerb_m - _BAR_M - 0.1, 2 * _BAR_M)
-    return mesh.joined(_painted(road, (first, last), (d, d + _BAR_M)) for d in starts)
+    return mesh.merge(_painted(road, (first, last), (d, d + _BAR_M)) for d in starts)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from upvl_cli.synthetic.mesh import Mesh, Triple, joined
+from upvl_cli.synthetic.mesh import Mesh, Triple, merge
 
 STRIDE_HZ_PER_MPS = 0.75  # double steps a second of a walker at 1 m/s; faster ones step more often
 STAND_M = 0.01  # every thing stands this far above the ground, so that no two faces lie in one plane
@@ -29,7 +29,7 @@ class Part(NamedTuple):
     phase_rad: float = 0.0
 
 
-class Model(NamedTuple):
+class ObjectModel(NamedTuple):
     """A thing, and the box that holds it at rest and in full swing.
 
     Attributes:
@@ -41,11 +41,11 @@ class Model(NamedTuple):
     parts: tuple[Part, ...]
 
 
-def model(parts: Sequence[Part | Mesh]) -> Model:
+def model(parts: Sequence[Part | Mesh]) -> ObjectModel:
     """Put parts together, so that their box lies around the origin and they stand just above the ground."""
-    whole = [part if isinstance(part, Part) else Part(part) for part in parts]
-    rigid = [part.mesh for part in whole if not part.swing_rad]
-    swinging = [part for part in whole if part.swing_rad]
+    all_parts = [part if isinstance(part, Part) else Part(part) for part in parts]
+    rigid = [part.mesh for part in all_parts if not part.swing_rad]
+    swinging = [part for part in all_parts if part.swing_rad]
     reached = [
         part.mesh.tilted(sign * part.swing_rad, part.pivot_m).corner_m
         for part in swinging
@@ -65,6 +65,6 @@ def model(parts: Sequence[Part | Mesh]) -> Model:
         for part in swinging
     ]
     if rigid:
-        moved.insert(0, Part(joined(rigid).moved(shift)))
+        moved.insert(0, Part(merge(rigid).moved(shift)))
     length, width, height = (float(v) for v in high - low)
-    return Model((length, width, height + STAND_M), tuple(moved))
+    return ObjectModel((length, width, height + STAND_M), tuple(moved))

@@ -13,7 +13,7 @@ from upvl_cli.synthetic.ground import END_M, REACH_M, START_M, near, spot
 from upvl_cli.synthetic.mesh import Mesh
 from upvl_cli.synthetic.piece import Piece
 from upvl_cli.synthetic.road import SIDE_HALF_M, Road
-from upvl_cli.synthetic.surface import CONCRETE, DARK, GLASS, STEEL, WOOD, Rgb, Surface
+from upvl_cli.synthetic.surface import CONCRETE, DARK, GLASS, STEEL, WOOD, Material, Rgb
 
 _MIDDLE_M = 0.6  # behind the kerb
 _LIGHT_M = 28.0  # between the street lights of one side
@@ -77,13 +77,13 @@ def _put(road: Road, side: int, s_m: float, behind_m: float, piece: Piece) -> Pi
     return Piece(piece.name, piece.mesh.moved(place, yaw))
 
 
-def _post(height_m: float, radius_m: float, surface: Surface, top_m: float | None = None) -> Mesh:
+def _post(height_m: float, radius_m: float, surface: Material, top_m: float | None = None) -> Mesh:
     return mesh.tube((0.0, 0.0, -0.3), (0.0, 0.0, height_m), radius_m, surface, end_radius_m=top_m)
 
 
 def _street_light() -> Mesh:
-    lamp = Surface((226, 224, 206), 0.5)
-    return mesh.joined(
+    lamp = Material((226, 224, 206), 0.5)
+    return mesh.merge(
         [
             _post(1.0, 0.11, _BACK),
             _post(7.4, 0.085, _BACK, 0.05),
@@ -101,16 +101,16 @@ def _pole(rng: np.random.Generator) -> Mesh:
         wood = tinted(WOOD, rng, 20)
         arm = mesh.box((0.12, 1.5, 0.12), (0.0, 0.0, 7.2), wood)
         pins = [mesh.tube((0.0, y, 7.25), (0.0, y, 7.45), 0.04, CONCRETE, sides=6) for y in (-0.6, 0.0, 0.6)]
-        return mesh.joined([_post(7.9, 0.14, wood, 0.1), arm, *pins])
+        return mesh.merge([_post(7.9, 0.14, wood, 0.1), arm, *pins])
     if kind == 1:
         return _post(rng.uniform(2.5, 4.0), 0.05, _BACK)
     dark = tinted(DARK, rng, 20)
     top = mesh.ellipsoid((0.2, 0.2, 0.2), (0.0, 0.0, 0.95), dark, sides=8)
-    return mesh.joined([_post(0.95, 0.08, dark), top])
+    return mesh.merge([_post(0.95, 0.08, dark), top])
 
 
-def _face(rgb: Rgb) -> Surface:
-    return Surface(rgb, 0.9, 0.0)
+def _face(rgb: Rgb) -> Material:
+    return Material(rgb, 0.9, 0.0)
 
 
 def _sign(rng: np.random.Generator) -> Mesh:
@@ -123,7 +123,7 @@ def _sign(rng: np.random.Generator) -> Mesh:
         parts += _plate(*_PLATES[rng.integers(len(_PLATES))], height)
     if rng.random() < 0.3:
         parts += _panel(0.5, 0.3, height - 0.55, rng)
-    return mesh.joined(parts)
+    return mesh.merge(parts)
 
 
 def _plate(sides: int, rim: Rgb, face: Rgb, height_m: float) -> list[Mesh]:
@@ -161,7 +161,7 @@ def _bus_stop(rng: np.random.Generator) -> Mesh:
     sides = [mesh.box((0.02, 0.8, 1.9), (x, -0.05, 1.3), GLASS) for x in (-1.75, 1.75)]
     sign = [mesh.tube((2.6, 0.3, -0.3), (2.6, 0.3, 2.9), 0.035, _BACK)]
     sign += [part.moved((2.6, 0.3, 0.0)) for part in _plate(20, _GREEN, _YELLOW, 2.6)]
-    return mesh.joined(
+    return mesh.merge(
         [
             *posts,
             *sides,
@@ -193,9 +193,9 @@ def _traffic_light(lit: Rgb, arm_m: float) -> Mesh:
     boxes = [_lights(lit).moved((0.0, 0.0, 2.7))]
     post = _post(5.6 if arm_m else 3.2, 0.08, _BACK, 0.06)
     if not arm_m:
-        return mesh.joined([post, *boxes])
+        return mesh.merge([post, *boxes])
     arm = mesh.tube((0.0, 0.0, 5.45), (0.0, arm_m, 5.7), 0.05, _BACK, sides=8)
-    return mesh.joined([post, arm, *boxes, _lights(lit).moved((0.0, arm_m - 0.3, 5.6))])
+    return mesh.merge([post, arm, *boxes, _lights(lit).moved((0.0, arm_m - 0.3, 5.6))])
 
 
 def _lights(lit: Rgb) -> Mesh:
@@ -205,11 +205,11 @@ def _lights(lit: Rgb) -> Mesh:
         red, green, blue = rgb
         shown: Rgb = rgb if rgb == lit else (red // 3, green // 3, blue // 3)
         parts.append(
-            mesh.tube((-0.25, 0.0, height), (-0.275, 0.0, height), 0.11, Surface(shown, 0.3), sides=12)
+            mesh.tube((-0.25, 0.0, height), (-0.275, 0.0, height), 0.11, Material(shown, 0.3), sides=12)
         )
         hood = mesh.box((0.16, 0.26, 0.02), (-0.33, 0.0, height + 0.125), DARK)
         parts.append(hood)
-    return mesh.joined(parts)
+    return mesh.merge(parts)
 
 
 def _far_trees(road: Road, rng: np.random.Generator) -> list[Piece]:

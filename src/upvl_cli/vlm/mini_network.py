@@ -22,7 +22,7 @@ _FEEDS = (1, 2, 4, 6)  # at 1/4, 1/8, 1/16 and 1/32 of the picture
 _WIDE, _NARROW = 128, 64
 
 
-class _Conv(nn.Module):
+class _MiniConv(nn.Module):
     """A convolution, its norm, and ReLU6 where it has one."""
 
     def __init__(
@@ -45,9 +45,9 @@ class _Block(nn.Module):
     def __init__(self, before: int, after: int, kernel: int, stride: int, growth: int):
         super().__init__()
         inside = before * growth
-        self.grow = _Conv(before, inside, 1) if growth > 1 else nn.Identity()
-        self.look = _Conv(inside, inside, kernel, stride=stride, groups=inside)
-        self.shrink = _Conv(inside, after, 1, cut=False)
+        self.grow = _MiniConv(before, inside, 1) if growth > 1 else nn.Identity()
+        self.look = _MiniConv(inside, inside, kernel, stride=stride, groups=inside)
+        self.shrink = _MiniConv(inside, after, 1, cut=False)
         self.keeps = stride == 1 and before == after
 
     def forward(self, x: Tensor) -> Tensor:
@@ -61,7 +61,7 @@ class MiniNetwork(nn.Module):
     def __init__(self, dim: int) -> None:
         """Build the layers; weights are loaded afterwards."""
         super().__init__()
-        self.stem = _Conv(3, 32, 3, stride=2)
+        self.stem = _MiniConv(3, 32, 3, stride=2)
         self.stages = nn.ModuleList()
         before = 32
         for after, blocks, kernel, stride, growth in _STAGES:
@@ -74,21 +74,21 @@ class MiniNetwork(nn.Module):
         self.scene = nn.Conv2d(coarsest, _WIDE, 1)
         self.sides = nn.ModuleList(
             [
-                _Conv(coarsest, _WIDE, 1, cut=False),
-                _Conv(coarse, _WIDE, 1, cut=False),
-                _Conv(middle, _WIDE, 1, cut=False),
+                _MiniConv(coarsest, _WIDE, 1, cut=False),
+                _MiniConv(coarse, _WIDE, 1, cut=False),
+                _MiniConv(middle, _WIDE, 1, cut=False),
             ]
         )
-        self.mixes = nn.ModuleList([_Conv(_WIDE, _WIDE, 3) for _ in self.sides])
-        self.fine = _Conv(fine, _NARROW, 1, cut=False)
-        self.thin = _Conv(_WIDE, _NARROW, 1, cut=False)
-        self.last = _Conv(_NARROW, _NARROW, 3)
+        self.mixes = nn.ModuleList([_MiniConv(_WIDE, _WIDE, 3) for _ in self.sides])
+        self.fine = _MiniConv(fine, _NARROW, 1, cut=False)
+        self.thin = _MiniConv(_WIDE, _NARROW, 1, cut=False)
+        self.last = _MiniConv(_NARROW, _NARROW, 3)
         self.point = nn.Conv2d(_NARROW, dim, 1)
 
     def fuse(self) -> MiniNetwork:
         """Fold the norms into the convolutions, for use without training; returns itself."""
         for module in self.modules():
-            if isinstance(module, _Conv):
+            if isinstance(module, _MiniConv):
                 module.conv = fuse_conv_bn_eval(module.conv, module.norm)  # type: ignore[arg-type]
                 module.norm = nn.Identity()
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]

@@ -13,7 +13,7 @@ from upvl_cli.perception.flow.displacement_vote import mean_nearest_m, select_st
 from upvl_cli.perception.flow.groups import Groups, Poses, apply_poses, sample_groups, static_poses
 from upvl_cli.perception.flow.icp import _step, icp
 from upvl_cli.perception.flow.search import FlowState, _cost, search_poses
-from upvl_cli.perception.flow.surface import Surface, build_tree, estimate_surface
+from upvl_cli.perception.flow.surface import LocalSurface, build_tree, estimate_surface
 from upvl_cli.stages.flow import FlowConfig
 
 CONFIG = load(FlowConfig, Path(__file__).parents[3] / "stages" / "flow.toml").rigid
@@ -23,7 +23,7 @@ def one_group(xyz_m: np.ndarray) -> Groups:
     return sample_groups(xyz_m, np.zeros(len(xyz_m), np.int64), total=1, max_points=10**6)
 
 
-def surface_of(xyz_m: np.ndarray) -> Surface:
+def surface_of(xyz_m: np.ndarray) -> LocalSurface:
     return estimate_surface(one_group(xyz_m), build_tree(xyz_m), CONFIG.surface)
 
 

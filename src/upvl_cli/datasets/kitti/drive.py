@@ -137,7 +137,7 @@ def open_drive(folder: Path) -> KittiDrive:
     numbers = [frame.index for frame in frames]
     cameras, pictures = _cameras(folder, calibration, numbers, skipped)
     images = (picture.path for of_camera in pictures.values() for picture in of_camera.values())
-    stamps = (path for path in folder.glob("*/timestamps.txt") if path.parent.name != "oxts")
+    time_files = (path for path in folder.glob("*/timestamps.txt") if path.parent.name != "oxts")
     return KittiDrive(
         name=folder.name,
         folder=folder,
@@ -149,7 +149,7 @@ def open_drive(folder: Path) -> KittiDrive:
         pictures=pictures,
         world_from_ego=world_from_ego(records, numbers, imu) if imu is not None and records else None,
         skipped=dict(skipped),
-        files=tuple(sorted({*calibration.files, *stamps, *records.values(), *sweeps.values(), *images})),
+        files=tuple(sorted({*calibration.files, *time_files, *records.values(), *sweeps.values(), *images})),
     )
 
 

@@ -9,14 +9,16 @@ import numpy as np
 
 from upvl_cli.detector.config import AugmentationConfig
 from upvl_cli.detector.data.batch import TIME_DIM
-from upvl_cli.detector.data.scene import Scene
+from upvl_cli.detector.data.scene import TrainingScene
 from upvl_cli.geometry.boxes import points_inside
 from upvl_cli.geometry.iou import iou_bev
 from upvl_cli.geometry.se3 import wrap_angle
 from upvl_cli.types import Array, Boxes, Ints, concat
 
 
-def augment(scene: Scene, donor: Scene, config: AugmentationConfig, rng: np.random.Generator) -> Scene:
+def augment(
+    scene: TrainingScene, donor: TrainingScene, config: AugmentationConfig, rng: np.random.Generator
+) -> TrainingScene:
     """Return a scene changed at random.
 
     Args:
@@ -33,7 +35,7 @@ def augment(scene: Scene, donor: Scene, config: AugmentationConfig, rng: np.rand
     )
 
 
-def move_scene(scene: Scene, is_mirrored: bool, turn_rad: float, scale: float) -> Scene:
+def move_scene(scene: TrainingScene, is_mirrored: bool, turn_rad: float, scale: float) -> TrainingScene:
     """Return the scene mirrored left to right, then turned about z, then scaled."""
     points, velocity_mps = scene.points.copy(), scene.velocity_mps.copy()
     center_m, heading_rad = scene.boxes.center_m.copy(), scene.boxes.heading_rad.copy()
@@ -46,10 +48,10 @@ def move_scene(scene: Scene, is_mirrored: bool, turn_rad: float, scale: float) -
         xy[:] = xy @ turn
     points[:, :3] *= scale
     boxes = Boxes(center_m * scale, scene.boxes.size_lwh_m * scale, wrap_angle(heading_rad + turn_rad))
-    return Scene(points, scene.code_of, scene.codes, boxes, velocity_mps * scale)
+    return TrainingScene(points, scene.code_of, scene.codes, boxes, velocity_mps * scale)
 
 
-def paste_objects(scene: Scene, donor: Scene, chosen: Array) -> Scene:
+def paste_objects(scene: TrainingScene, donor: TrainingScene, chosen: Array) -> TrainingScene:
     """Return the scene with objects of another one, at the places that they have there, where these are free.
 
     Points of the scene inside of a new object are removed. An object takes along its points of the older sweep:
@@ -78,7 +80,7 @@ def paste_objects(scene: Scene, donor: Scene, chosen: Array) -> Scene:
     stays = ~points_inside(scene.points[:, :3], donor.boxes[pasted], margin_m=0.0).any(axis=0)
     code_of = donor.code_of[new]
     code_of = np.where(code_of >= 0, code_of + len(scene.codes), -1)
-    return Scene(
+    return TrainingScene(
         np.concatenate([scene.points[stays], donor.points[new]]),
         np.concatenate([scene.code_of[stays], code_of]).astype(np.int32),
         np.concatenate([scene.codes, donor.codes]),
@@ -87,7 +89,7 @@ def paste_objects(scene: Scene, donor: Scene, chosen: Array) -> Scene:
     )
 
 
-def _points_of_object(scene: Scene, number: int) -> Ints:
+def _points_of_object(scene: TrainingScene, number: int) -> Ints:
     """Return the points in a box, those of the older sweep where the box was at their time."""
     box, velocity_mps = scene.boxes[number : number + 1], scene.velocity_mps[number]
     ((x, y, _),), ((length, width, _),) = box.center_m, box.size_lwh_m

@@ -12,7 +12,7 @@ from upvl_cli.detector.config import TrainConfig
 from upvl_cli.detector.data.augment import augment
 from upvl_cli.detector.data.batch import Sample
 from upvl_cli.detector.data.sampler import frame_at, generator_at
-from upvl_cli.detector.data.scene import Scene
+from upvl_cli.detector.data.scene import TrainingScene
 from upvl_cli.detector.data.sweeps import TwoSweeps
 from upvl_cli.detector.grid import Grid
 from upvl_cli.types import Boxes, Floats, Ints, concat
@@ -88,13 +88,15 @@ class DriveFrames:
         donor = self._scene(frame_at(index + 1, self.train, seed)) if augmentation.pasted_objects else scene
         return self._sample(augment(scene, donor, augmentation, rng), rng)
 
-    def _sample(self, scene: Scene, rng: np.random.Generator) -> Sample:
+    def _sample(self, scene: TrainingScene, rng: np.random.Generator) -> Sample:
         return scene.sample(self._grid, self._values, self._config.sampling, rng)
 
-    def _read_scene(self, number: int) -> Scene:
+    def _read_scene(self, number: int) -> TrainingScene:
         drive, index = self._frames[number]
         source = self._source(drive)
         frame = int(source.sweeps.trajectory.frame[index])
         boxes, velocity_mps = source.labels(frame)
         above_road = replace(boxes, center_m=boxes.center_m - [0.0, 0.0, source.sweeps.ground_z_m])
-        return Scene.of_frame(source.sweeps.points(index), *source.features(frame), above_road, velocity_mps)
+        return TrainingScene.of_frame(
+            source.sweeps.points(index), *source.features(frame), above_road, velocity_mps
+        )

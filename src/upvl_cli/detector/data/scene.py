@@ -15,7 +15,7 @@ from upvl_cli.types import Array, Boxes, Floats, Ints
 
 
 @dataclass(frozen=True)
-class Scene:
+class TrainingScene:
     """Two sweeps with their labels, as they are changed for training.
 
     Attributes:
@@ -33,7 +33,9 @@ class Scene:
     velocity_mps: Floats
 
     @classmethod
-    def of_frame(cls, points: Array, seen: Ints, codes: Ints, boxes: Boxes, velocity_mps: Floats) -> Scene:
+    def of_frame(
+        cls, points: Array, seen: Ints, codes: Ints, boxes: Boxes, velocity_mps: Floats
+    ) -> TrainingScene:
         """Return a scene from the tables of its frame.
 
         Args:

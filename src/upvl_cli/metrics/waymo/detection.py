@@ -245,7 +245,7 @@ def _result(name: str, level: int, shard: int, counts: _Counts) -> DetectionResu
     return DetectionResult(name, level, ap, aph, tp, fp, fn, sum_ha, precision, precision_ha, recall)
 
 
-def _ratio(part: Array, whole: Ints) -> Floats:
+def _ratio(part: Array, total: Ints) -> Floats:
     """Return the float32 quotient, 0 where there is nothing to divide by."""
-    some = np.maximum(whole, 1).astype(np.float32)
-    return np.where(whole > 0, part.astype(np.float32) / some, np.float32(0))
+    some = np.maximum(total, 1).astype(np.float32)
+    return np.where(total > 0, part.astype(np.float32) / some, np.float32(0))

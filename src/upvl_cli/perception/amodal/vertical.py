@@ -31,8 +31,8 @@ def vertical_extent(seen: Sightings, config: AmodalFitConfig) -> tuple[Array, fl
         box_height_m = seen.boxes.size_lwh_m[:, 2]
         return seen.boxes.center_m[:, 2] - box_height_m / 2, float(attained(box_height_m, min_share))
     lowest_m = -float(attained(-low, min_share))
-    foot_m = lowest_m if lowest_m >= rule.max_standing_m else 0.0
+    suspension_m = lowest_m if lowest_m >= rule.max_standing_m else 0.0
     # An object that hides the ground is itself taken for ground: the height is then too high, never too low.
     level = percentile_filter(ground[known], rule.percentile, size=rule.window_frames, mode="nearest")
-    floor_m = np.interp(np.arange(len(ground)), known, level) + foot_m
-    return floor_m, float(attained(high, min_share)) - foot_m
+    floor_m = np.interp(np.arange(len(ground)), known, level) + suspension_m
+    return floor_m, float(attained(high, min_share)) - suspension_m

@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 from upvl_cli.geometry.small_matrices import solve_positive_definite
 from upvl_cli.perception.flow.config import FlowIcpConfig
 from upvl_cli.perception.flow.groups import Poses, apply_poses, rotate_about_z
-from upvl_cli.perception.flow.surface import Surface
+from upvl_cli.perception.flow.surface import LocalSurface
 from upvl_cli.types import Floats, Ints
 
 RIDGE = 1e-6  # of the trace: leaves what no pair fixes (the turn of a pole) where it is
@@ -16,7 +16,7 @@ CONVERGED = 0.004  # metres plus radians: below the range noise, so a smaller st
 
 
 def icp(
-    surface: Surface, tree: cKDTree, poses: Poses, radii_m: tuple[float, ...], config: FlowIcpConfig
+    surface: LocalSurface, tree: cKDTree, poses: Poses, radii_m: tuple[float, ...], config: FlowIcpConfig
 ) -> Poses:
     """Register each hypothesis with the other sweep: ICP about the vertical, from planar patch to point.
 
@@ -47,7 +47,7 @@ def icp(
 
 
 def _step(
-    surface: Surface, tree: cKDTree, poses: Poses, radius_m: float, config: FlowIcpConfig
+    surface: LocalSurface, tree: cKDTree, poses: Poses, radius_m: float, config: FlowIcpConfig
 ) -> tuple[Ints, Floats, Floats]:
     """Return which hypotheses have enough pairs, and the turn and shift that bring these closer."""
     item, point, xyz_m = apply_poses(surface.groups, poses)
@@ -70,7 +70,7 @@ def _step(
 
 
 def _normal_equations(
-    surface: Surface,
+    surface: LocalSurface,
     point: Ints,
     poses: Poses,
     arm_m: Floats,

@@ -11,7 +11,13 @@ from upvl_cli.perception.flow.config import FlowPlausibilityConfig, RigidFlowCon
 from upvl_cli.perception.flow.displacement_vote import select_starts, start_hypotheses
 from upvl_cli.perception.flow.groups import Groups, Poses, group_means, rotate_about_z, sample_groups
 from upvl_cli.perception.flow.icp import icp
-from upvl_cli.perception.flow.surface import Surface, build_tree, estimate_surface, misfit, observable_share
+from upvl_cli.perception.flow.surface import (
+    LocalSurface,
+    build_tree,
+    estimate_surface,
+    misfit,
+    observable_share,
+)
 from upvl_cli.types import Bools, Floats, Ints
 
 
@@ -81,7 +87,7 @@ def search_poses(
     group_of_candidate: Ints,
     total: int,
     config: RigidFlowConfig,
-) -> tuple[Surface, Poses, Floats]:
+) -> tuple[LocalSurface, Poses, Floats]:
     """Search the pose of lowest cost of each group among points of the other sweep.
 
     Args:
@@ -98,7 +104,7 @@ def search_poses(
     """
     tree = build_tree(candidate_m)
 
-    def sampled(max_points: int) -> Surface:
+    def sampled(max_points: int) -> LocalSurface:
         groups = sample_groups(state.source_m[point], group, total=total, max_points=max_points)
         return estimate_surface(groups, state.source_tree, config.surface)
 
@@ -116,7 +122,7 @@ def search_poses(
     return points, poses, _cost(points, tree, poses, config.plausibility)
 
 
-def _cost(points: Surface, tree: cKDTree, poses: Poses, config: FlowPlausibilityConfig) -> Floats:
+def _cost(points: LocalSurface, tree: cKDTree, poses: Poses, config: FlowPlausibilityConfig) -> Floats:
     """Return the (h,) misfit of hypotheses plus a share for their length; infinite for implausible ones."""
     x, y, z = _shift_m(points.groups, poses).T
     cost = misfit(points, tree, poses) + config.misfit_per_m * np.sqrt(x * x + y * y + z * z)

@@ -19,7 +19,7 @@ from upvl_cli.types import Bools, Floats
 TINY = 1e-30  # keeps points that all lie in one place from dividing by nothing
 
 
-class Surface(NamedTuple):
+class LocalSurface(NamedTuple):
     """Groups of points, with an estimate of the surface around each point.
 
     Attributes:
@@ -37,7 +37,7 @@ class Surface(NamedTuple):
     config: FlowSurfaceConfig
 
 
-def estimate_surface(groups: Groups, tree: cKDTree, config: FlowSurfaceConfig) -> Surface:
+def estimate_surface(groups: Groups, tree: cKDTree, config: FlowSurfaceConfig) -> LocalSurface:
     """Estimate point spacing and normal of the surface around points from their neighbors.
 
     Args:
@@ -55,7 +55,7 @@ def estimate_surface(groups: Groups, tree: cKDTree, config: FlowSurfaceConfig) -
     width_m = np.where(found, distance, config.neighbor_radius_m)[:, -1]
     spacing_m = 0.5 * np.sqrt(np.pi / config.neighbors) * width_m
     normal, is_flat = _fit_planes(patch, config.max_flatness)
-    return Surface(groups, spacing_m, normal, is_flat, config)
+    return LocalSurface(groups, spacing_m, normal, is_flat, config)
 
 
 def _fit_planes(patch: Floats, max_flatness: float) -> tuple[Floats, Bools]:
@@ -84,7 +84,7 @@ def _fit_planes(patch: Floats, max_flatness: float) -> tuple[Floats, Bools]:
     return normal, is_flat & (length[at, longest] > TINY)
 
 
-def misfit(surface: Surface, tree: cKDTree, poses: Poses) -> Floats:
+def misfit(surface: LocalSurface, tree: cKDTree, poses: Poses) -> Floats:
     """Return the (h,) mean residual of each hypothesis' points to the other sweep, in point spacings.
 
     A static surface that two sweeps sample at random has about 0.5.
@@ -110,7 +110,7 @@ def misfit(surface: Surface, tree: cKDTree, poses: Poses) -> Floats:
     return np.bincount(item, off, len(poses.group)) / np.maximum(surface.groups.size[poses.group], 1)
 
 
-def observable_share(surface: Surface, poses: Poses) -> Floats:
+def observable_share(surface: LocalSurface, poses: Poses) -> Floats:
     """Return the (h,) share of a hypothesis' points whose surface shows the motion: not flat, or moved across.
 
     What slides along its own plane may as well be a wall of which another part is seen (the aperture problem).
