@@ -153,11 +153,6 @@ class Boxes(ParallelArrays):
         """Return (n, 7) rows of x, y, z, length, width, height (m), heading (rad)."""
         return np.column_stack([self.center_m, self.size_lwh_m, self.heading_rad])
 
-    @property
-    def seven(self) -> Array:
-        """TEMPORARY: the rows, until every room uses the named parts."""
-        return self.to_rows()
-
 
 @dataclass(frozen=True)
 class TrackedBoxes(Boxes):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import overload
 
 import numpy as np
 
@@ -17,26 +16,12 @@ _ROUNDING_M = 1e-6  # spare room of the first, coarse test: a thousand times the
 _CORNER_SIGNS = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
 
 
-def as_rows(boxes: Boxes | Array) -> Array:
-    """TEMPORARY: return (n, 7) rows of boxes, until every room uses the named parts."""
-    return boxes.to_rows() if isinstance(boxes, Boxes) else boxes
+def geometry_of(boxes: Boxes) -> Boxes:
+    """Return plain boxes, without what a subclass adds."""
+    return Boxes(boxes.center_m, boxes.size_lwh_m, boxes.heading_rad)
 
 
-def geometry_of(boxes: Boxes | Array) -> Boxes:
-    """Return plain boxes, without what a subclass adds (and, TEMPORARILY, from (n, 7) rows).
-
-    Args:
-        boxes: n boxes.
-
-    Raises:
-        BadInput: Rows have another shape than (n, 7).
-    """
-    if isinstance(boxes, Boxes):
-        return Boxes(boxes.center_m, boxes.size_lwh_m, boxes.heading_rad)
-    return Boxes.from_rows(boxes)
-
-
-def check_finite(boxes: Boxes | Array) -> Boxes:
+def check_finite(boxes: Boxes) -> Boxes:
     """Return the boxes, plain, after a check that every number of them is finite.
 
     Args:
@@ -55,7 +40,7 @@ def check_finite(boxes: Boxes | Array) -> Boxes:
     return boxes
 
 
-def corners_bev(boxes: Boxes | Array) -> Array:
+def corners_bev(boxes: Boxes) -> Array:
     """Return (n, 4, 2) corners seen from above: front left, rear left, rear right, front right.
 
     Args:
@@ -71,7 +56,7 @@ def corners_bev(boxes: Boxes | Array) -> Array:
     return np.asarray(boxes.center_m[:, None, :2] + turned)
 
 
-def corners(boxes: Boxes | Array) -> Array:
+def corners(boxes: Boxes) -> Array:
     """Return (n, 8, 3) corners: the four of `corners_bev` on the floor, then the same on the roof.
 
     Args:
@@ -86,7 +71,7 @@ def corners(boxes: Boxes | Array) -> Array:
     return np.concatenate([np.tile(corners_bev(boxes), (1, 2, 1)), height[..., None]], axis=-1)
 
 
-def pairs_inside(xyz: Array, boxes: Boxes | Array, *, margin_m: float) -> tuple[Ints, Ints]:
+def pairs_inside(xyz: Array, boxes: Boxes, *, margin_m: float) -> tuple[Ints, Ints]:
     """Return which points lie in which boxes, as (box, point) numbers in ascending order.
 
     Memory grows with the hits only: each box looks at its own strip of x, for which points are sorted once where
@@ -130,7 +115,7 @@ def _strips(x: Array, middle: Array, reach: Array) -> Iterator[Ints]:
         yield order[start:end]
 
 
-def points_inside(xyz: Array, boxes: Boxes | Array, *, margin_m: float) -> Bools:
+def points_inside(xyz: Array, boxes: Boxes, *, margin_m: float) -> Bools:
     """Return (n, m), whether box n holds point m; see `pairs_inside` for many boxes.
 
     Args:
@@ -147,11 +132,7 @@ def points_inside(xyz: Array, boxes: Boxes | Array, *, margin_m: float) -> Bools
     return inside
 
 
-@overload
-def transform(boxes: Boxes, dst_from_src: Array) -> Boxes: ...
-@overload
-def transform(boxes: Array, dst_from_src: Array) -> Array: ...
-def transform(boxes: Boxes | Array, dst_from_src: Array) -> Boxes | Array:
+def transform(boxes: Boxes, dst_from_src: Array) -> Boxes:
     """Return the boxes, plain, in the axes of dst; headings turn by the yaw, so upright stays upright.
 
     Args:
@@ -162,9 +143,8 @@ def transform(boxes: Boxes | Array, dst_from_src: Array) -> Boxes | Array:
         BadInput: A box is not finite.
     """
     source = check_finite(boxes)
-    moved = Boxes(
+    return Boxes(
         center_m=apply(dst_from_src, source.center_m),
         size_lwh_m=source.size_lwh_m,
         heading_rad=wrap_angle(source.heading_rad + yaw_of(dst_from_src)),
     )
-    return moved if isinstance(boxes, Boxes) else moved.to_rows()

@@ -25,7 +25,7 @@ _AREA_TOO_SMALL_M2 = 5e-11
 _STEEPEST = 1e-30  # a cosine below this makes an edge vertical; its integral is 0 whatever its slope
 
 
-def iou_bev_pairs(a: Boxes | Array, b: Boxes | Array) -> Array:
+def iou_bev_pairs(a: Boxes, b: Boxes) -> Array:
     """Return (n,) bird's-eye IoU of each row of `a` with the same row of `b`.
 
     Args:
@@ -38,7 +38,7 @@ def iou_bev_pairs(a: Boxes | Array, b: Boxes | Array) -> Array:
     return _iou_of_pairs(check_finite(a), check_finite(b), 2)
 
 
-def iou_3d_pairs(a: Boxes | Array, b: Boxes | Array) -> Array:
+def iou_3d_pairs(a: Boxes, b: Boxes) -> Array:
     """Return (n,) 3D IoU of each row of `a` with the same row of `b`.
 
     Args:
@@ -51,7 +51,7 @@ def iou_3d_pairs(a: Boxes | Array, b: Boxes | Array) -> Array:
     return _iou_of_pairs(check_finite(a), check_finite(b), 3)
 
 
-def iou_bev(a: Boxes | Array, b: Boxes | Array) -> Array:
+def iou_bev(a: Boxes, b: Boxes) -> Array:
     """Return (n, m) bird's-eye IoU of every pair.
 
     Args:
@@ -64,7 +64,7 @@ def iou_bev(a: Boxes | Array, b: Boxes | Array) -> Array:
     return _iou_of_all(check_finite(a), check_finite(b), 2)
 
 
-def iou_3d(a: Boxes | Array, b: Boxes | Array) -> Array:
+def iou_3d(a: Boxes, b: Boxes) -> Array:
     """Return (n, m) 3D IoU of every pair.
 
     Args:

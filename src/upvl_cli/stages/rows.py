@@ -119,16 +119,6 @@ class BoxRow(Row):
 
         return Boxes(self.center_m, self.size_lwh_m, self.heading_rad)
 
-    @property
-    def seven(self) -> Array:
-        """TEMPORARY: the rows of the boxes, until every room uses the named parts."""
-        return self.boxes.to_rows()
-
-    @property
-    def points(self) -> Array:
-        """TEMPORARY: the old name of `num_points`."""
-        return self.num_points
-
 
 @dataclass(frozen=True)
 class ProposalRow(BoxRow):
@@ -265,16 +255,6 @@ class ObjectRow(ObjectSummaryRow):
     """Boxes of one frame with the vision-language features of the points inside of them: what a query reads."""
 
     point_feature: Ragged = _point_feature()
-
-    @property
-    def of_box(self) -> Ints:
-        """TEMPORARY: the box of each feature."""
-        return self.point_feature.owner
-
-    @property
-    def feature(self) -> Array:
-        """TEMPORARY: the features."""
-        return self.point_feature.values
 
 
 @dataclass(frozen=True)
