@@ -356,3 +356,10 @@ def test_a_negative_is_never_a_hit(made: Workspace) -> None:
     assert set(found.hits.class_index.tolist()) <= {0}
     assert ("one", 0, 0) not in keys(found)
     assert found.counts["other words"] >= 3
+
+
+def test_a_filtered_box_without_points_has_one_fate(made: Workspace) -> None:
+    """The box that nothing is seen of stands at 12 m, behind the bound."""
+    found = ask(made, "fire truck", filters=Filters(max_range_m=11))
+    assert found.counts["without points"] == 0
+    assert sum(items for name, items in found.counts.items() if name != "boxes") == found.counts["boxes"]

@@ -12,7 +12,7 @@ from upvl_cli.synthetic.model import Part, model
 from upvl_cli.synthetic.motion import Motion, rotations
 from upvl_cli.synthetic.piece import STUFF, Piece
 from upvl_cli.synthetic.road import Road, road
-from upvl_cli.synthetic.scene import Scene, Thing
+from upvl_cli.synthetic.scene import CityScene, Thing
 from upvl_cli.synthetic.surface import BRICK, GLASS, STEEL
 from upvl_cli.synthetic.surroundings import surroundings
 from upvl_cli.synthetic.textures import TEXTURES, brightness
@@ -141,7 +141,7 @@ def test_the_ground_is_where_the_street_says(seed: int) -> None:
     pieces = surroundings(here, np.random.default_rng(seed))
     assert {piece.name for piece in pieces} <= set(STUFF)
     ground = [piece for piece in pieces if piece.name in ("road", "kerb", "pavement", "grass")]
-    caster = Caster(Scene((), ground, Motion(np.zeros((1, 3)), np.zeros(1), np.zeros((1, 2)))))
+    caster = Caster(CityScene((), ground, Motion(np.zeros((1, 3)), np.zeros(1), np.zeros((1, 2)))))
     rng = np.random.default_rng(7)
     s, d = rng.uniform(-100, 200, 3000), rng.uniform(-40, 40, 3000)
     above = here.place(s, d) + [0, 0, 5.0]
@@ -195,7 +195,7 @@ def test_rays_meet_what_a_plain_search_finds() -> None:
         meshes.append(Mesh(placed.world(whole.corner_m), whole.face, whole.surface, whole.surfaces))
     wall = box((0.3, 30, 4), (22, 0, 2), BRICK)
     ego = Motion(np.zeros((1, 3)), np.zeros(1), np.zeros((1, 2)))
-    caster = Caster(Scene(tuple(things), (Piece("wall", wall),), ego))
+    caster = Caster(CityScene(tuple(things), (Piece("wall", wall),), ego))
     azimuth, height = rng.uniform(-0.7, 0.7, 400), rng.uniform(-0.25, 0.1, 400)
     way = np.column_stack([np.cos(azimuth), np.sin(azimuth), height])
     way /= np.linalg.norm(way, axis=1, keepdims=True)

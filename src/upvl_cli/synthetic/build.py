@@ -12,7 +12,7 @@ from upvl_cli.synthetic.mesh import Triple
 from upvl_cli.synthetic.motion import SAMPLE_HZ, Motion
 from upvl_cli.synthetic.pedestrians import parked, things_about, walkers
 from upvl_cli.synthetic.road import road
-from upvl_cli.synthetic.scene import Scene, Thing
+from upvl_cli.synthetic.scene import CityScene, Thing
 from upvl_cli.synthetic.surroundings import surroundings
 from upvl_cli.synthetic.traffic import FIRST_S, traffic
 from upvl_cli.types import Boxes, Floats, concat
@@ -23,7 +23,7 @@ _EGO_SIZE_M = (6.0, 2.2, 2.0)
 _ROAD, _AROUND, _LIGHT, _TRAFFIC, _WALKERS, _PARKED, _ABOUT = range(7)
 
 
-def build(seed: Sequence[int], *, without: Sequence[str], seconds: float, density: float) -> Scene:
+def build(seed: Sequence[int], *, without: Sequence[str], seconds: float, density: float) -> CityScene:
     """Return a stretch of city.
 
     Args:
@@ -49,7 +49,7 @@ def build(seed: Sequence[int], *, without: Sequence[str], seconds: float, densit
         *walkers(street, kinds, density, is_red=is_red, samples=samples, rng=chance(_WALKERS)),
         *things_about(street, kinds, density, chance(_ABOUT)),
     ]
-    return Scene(_apart(things, ego, seconds), surroundings(street, chance(_AROUND)), ego)
+    return CityScene(_apart(things, ego, seconds), surroundings(street, chance(_AROUND)), ego)
 
 
 def _apart(things: Sequence[Thing], ego: Motion, seconds: float) -> tuple[Thing, ...]:

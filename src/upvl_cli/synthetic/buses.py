@@ -7,7 +7,7 @@ import numpy as np
 from upvl_cli.synthetic.bodywork import Shell, arches, block, both, pick, rectangle, varied, wheels
 from upvl_cli.synthetic.cars import AMBER_LIGHT, RED_LIGHT, WHITE
 from upvl_cli.synthetic.mesh import Mesh, Pair, tube
-from upvl_cli.synthetic.model import Model
+from upvl_cli.synthetic.model import ObjectModel
 from upvl_cli.synthetic.surface import (
     CHROME,
     DARK,
@@ -16,8 +16,8 @@ from upvl_cli.synthetic.surface import (
     PLATE,
     STEEL,
     TAILLIGHT,
+    Material,
     Rgb,
-    Surface,
     paint,
 )
 
@@ -52,7 +52,7 @@ def _door(x_m: Pair, y_m: float, z_m: Pair) -> list[Mesh]:
     ]
 
 
-def _bus(lacquer: Surface, skirt: Surface, height_m: float) -> tuple[Shell, list[Mesh]]:
+def _bus(lacquer: Material, skirt: Material, height_m: float) -> tuple[Shell, list[Mesh]]:
     body = Shell(
         ((-5.95, 0.32), (5.9, 0.32), (6.0, 0.5), (6.0, 1.05), (5.9, height_m - 0.3), (5.75, height_m))
         + ((-5.85, height_m), (-5.98, height_m - 0.15), (-6.0, 0.6)),
@@ -76,7 +76,7 @@ def _bus(lacquer: Surface, skirt: Surface, height_m: float) -> tuple[Shell, list
     return body, parts
 
 
-def bus(rng: np.random.Generator) -> Model:
+def bus(rng: np.random.Generator) -> ObjectModel:
     """Return a city bus with two doors and a sign that says where it goes."""
     lacquer = paint(pick(rng, _PAINTS))
     body, parts = _bus(lacquer, paint(pick(rng, (*_PAINTS, (60, 62, 66)))), 3.05)
@@ -88,7 +88,7 @@ def bus(rng: np.random.Generator) -> Model:
     return varied(rng, parts, 0.03)
 
 
-def double_decker(rng: np.random.Generator) -> Model:
+def double_decker(rng: np.random.Generator) -> ObjectModel:
     """Return a bus of two floors, mostly red."""
     lacquer = paint(pick(rng, (_PAINTS[0], _PAINTS[0], *_PAINTS[:4])))
     body, parts = _bus(lacquer, lacquer, 4.35)
@@ -104,7 +104,7 @@ def double_decker(rng: np.random.Generator) -> Model:
     return varied(rng, parts, 0.02)
 
 
-def school_bus(rng: np.random.Generator) -> Model:
+def school_bus(rng: np.random.Generator) -> ObjectModel:
     """Return a yellow bus with a bonnet and black stripes."""
     yellow = paint(pick(rng, ((246, 184, 16), (250, 170, 10), (240, 190, 40))))
     body = Shell(
@@ -149,10 +149,10 @@ def school_bus(rng: np.random.Generator) -> Model:
     return varied(rng, parts, 0.04)
 
 
-def tram(rng: np.random.Generator) -> Model:
+def tram(rng: np.random.Generator) -> ObjectModel:
     """Return a tram of three low cars, with bellows between them and a pantograph on top."""
     lacquer = paint(pick(rng, (*_PAINTS, (196, 40, 44), (240, 214, 120))))
-    roof = Surface((150, 154, 158), 0.4)
+    roof = Material((150, 154, 158), 0.4)
     front = Shell(
         ((4.4, 0.18), (12.1, 0.18), (12.4, 0.5), (12.4, 1.15), (11.75, 2.75), (11.4, 3.05), (4.4, 3.05)),
         2.5,

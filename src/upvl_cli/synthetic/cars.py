@@ -8,7 +8,7 @@ import numpy as np
 
 from upvl_cli.synthetic.bodywork import Shell, arches, block, both, pick, rectangle, varied, wheels
 from upvl_cli.synthetic.mesh import Mesh, Pair, box
-from upvl_cli.synthetic.model import Model
+from upvl_cli.synthetic.model import ObjectModel
 from upvl_cli.synthetic.surface import (
     CHROME,
     DARK,
@@ -17,14 +17,14 @@ from upvl_cli.synthetic.surface import (
     PLATE,
     STEEL,
     TAILLIGHT,
+    Material,
     Rgb,
-    Surface,
     paint,
 )
 
-BLUE_LIGHT = Surface((24, 84, 236), 0.6, gloss=0.3)
-RED_LIGHT = Surface((226, 24, 30), 0.7, gloss=0.3)
-AMBER_LIGHT = Surface((250, 160, 20), 0.7, gloss=0.3)
+BLUE_LIGHT = Material((24, 84, 236), 0.6, gloss=0.3)
+RED_LIGHT = Material((226, 24, 30), 0.7, gloss=0.3)
+AMBER_LIGHT = Material((250, 160, 20), 0.7, gloss=0.3)
 WHITE: Rgb = (238, 238, 236)
 PAINTS: tuple[Rgb, ...] = (
     WHITE,
@@ -142,7 +142,7 @@ def tail(form: Form) -> list[Mesh]:
     ]
 
 
-def mirrors(x_m: float, y_m: float, z_m: float, surface: Surface) -> Mesh:
+def mirrors(x_m: float, y_m: float, z_m: float, surface: Material) -> Mesh:
     """Mirrors on both sides of a body whose side is so far out."""
     return both((x_m - 0.06, x_m + 0.08), (y_m - 0.05, y_m + 0.17), (z_m, z_m + 0.14), surface)
 
@@ -156,7 +156,7 @@ def rolling(form: Form) -> list[Mesh]:
     ]
 
 
-def car(form: Form, lacquer: Surface) -> list[Mesh]:
+def car(form: Form, lacquer: Material) -> list[Mesh]:
     """Return a car without its tail and anything on its roof."""
     body, cabin, (low, high) = form.body, form.cabin, form.glass_z_m
     sill = min(z for _, z in body.outline_xz_m) + 0.12
@@ -193,7 +193,7 @@ def _load(rng: np.random.Generator, form: Form, x_m: Pair) -> list[Mesh]:
     return [*_rails(form, x_m), *bars, *([load] if rng.random() < 0.5 else [])]
 
 
-def sedan(rng: np.random.Generator) -> Model:
+def sedan(rng: np.random.Generator) -> ObjectModel:
     """Return a saloon."""
     parts = [*car(SEDAN, paint(pick(rng, PAINTS))), *tail(SEDAN)]
     if rng.random() < 0.1:
@@ -201,7 +201,7 @@ def sedan(rng: np.random.Generator) -> Model:
     return varied(rng, parts)
 
 
-def hatchback(rng: np.random.Generator) -> Model:
+def hatchback(rng: np.random.Generator) -> ObjectModel:
     """Return a small car with a steep rear."""
     parts = [*car(HATCHBACK, paint(pick(rng, PAINTS))), *tail(HATCHBACK)]
     if rng.random() < 0.2:
@@ -209,7 +209,7 @@ def hatchback(rng: np.random.Generator) -> Model:
     return varied(rng, parts, 0.05)
 
 
-def suv(rng: np.random.Generator) -> Model:
+def suv(rng: np.random.Generator) -> ObjectModel:
     """Return a sport utility vehicle: high, with dark plastic around its lower edge."""
     lacquer = paint(pick(rng, PAINTS))
     parts = [*car(SUV, lacquer), *tail(SUV), *_rails(SUV, (-1.8, 0.4))]

@@ -19,7 +19,7 @@ from embreex.rtcore_scene import EmbreeScene
 from upvl_cli.synthetic.mesh import Mesh, Triple, joined
 from upvl_cli.synthetic.model import STRIDE_HZ_PER_MPS, Part
 from upvl_cli.synthetic.motion import Placed
-from upvl_cli.synthetic.scene import STUFF_NAMES, Scene
+from upvl_cli.synthetic.scene import STUFF_NAMES, CityScene
 from upvl_cli.types import Array, Bools, Floats, Ints, ParallelArrays, array
 
 NOTHING = -1
@@ -85,7 +85,7 @@ class _Triangles(NamedTuple):
 class Caster:
     """Asks one scene; its meshes are built once. What never moves is one mesh, things and stuff together."""
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: CityScene) -> None:
         """Build the meshes."""
         self.scene = scene
         number = {surface: place for place, surface in enumerate(scene.surfaces)}
@@ -160,7 +160,7 @@ class Caster:
         """
         counts = np.zeros(len(self.scene.things), dtype=np.int64)
         for number, thing in enumerate(self.scene.things):
-            only = Caster(Scene((thing,), (), self.scene.ego))
+            only = Caster(CityScene((thing,), (), self.scene.ego))
             counts[number] = (only.cast(rays, reach_m=reach_m).thing == 0).sum()
         return counts
 
@@ -217,7 +217,7 @@ def swings(part: Part, odometer_m: Array) -> Floats:
     return np.asarray(part.swing_rad * np.sin(2 * np.pi * STRIDE_HZ_PER_MPS * odometer_m + part.phase_rad))
 
 
-def world_places(scene: Scene, hits: RayHits, placed_s: Array) -> Floats:
+def world_places(scene: CityScene, hits: RayHits, placed_s: Array) -> Floats:
     """(n, 3) where the places that were met on movers are at other times: fixed to their thing and its part.
 
     Args:

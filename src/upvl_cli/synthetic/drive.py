@@ -18,7 +18,7 @@ from upvl_cli.synthetic.cameras import CAMERAS, picture, tiles, trigger_s
 from upvl_cli.synthetic.cast import Caster, RayHits, world_places
 from upvl_cli.synthetic.config import CityConfig
 from upvl_cli.synthetic.lidar import REACH_M, rays_at, sweep
-from upvl_cli.synthetic.scene import Scene
+from upvl_cli.synthetic.scene import CityScene
 from upvl_cli.synthetic.weather import Weather, weather
 from upvl_cli.types import Array, Camera, Floats, Frame, Image, ParallelArrays, Points, array
 
@@ -83,7 +83,7 @@ class CityDrive:
         self._built: Caster | None = None
 
     @cached_property
-    def scene(self) -> Scene:
+    def scene(self) -> CityScene:
         """The city and all that moves in it; the truth, so for evaluation only."""
         return build(
             self._seed,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from upvl_cli.synthetic.model import Model
+from upvl_cli.synthetic.model import ObjectModel
 
 VEHICLE, PEDESTRIAN, SIGN, CYCLIST, OTHER = 1, 2, 3, 4, 0  # Waymo's numbers, and one for all else
 
@@ -29,7 +29,7 @@ class Kind:
     name: str
     words: tuple[str, ...]
     type: int
-    build: Callable[[np.random.Generator], Model]
+    build: Callable[[np.random.Generator], ObjectModel]
     speed_mps: tuple[float, float]
     place: tuple[str, ...]
     share: float = 1.0

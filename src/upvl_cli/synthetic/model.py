@@ -29,7 +29,7 @@ class Part(NamedTuple):
     phase_rad: float = 0.0
 
 
-class Model(NamedTuple):
+class ObjectModel(NamedTuple):
     """A thing, and the box that holds it at rest and in full swing.
 
     Attributes:
@@ -41,7 +41,7 @@ class Model(NamedTuple):
     parts: tuple[Part, ...]
 
 
-def model(parts: Sequence[Part | Mesh]) -> Model:
+def model(parts: Sequence[Part | Mesh]) -> ObjectModel:
     """Put parts together, so that their box lies around the origin and they stand just above the ground."""
     whole = [part if isinstance(part, Part) else Part(part) for part in parts]
     rigid = [part.mesh for part in whole if not part.swing_rad]
@@ -67,4 +67,4 @@ def model(parts: Sequence[Part | Mesh]) -> Model:
     if rigid:
         moved.insert(0, Part(joined(rigid).moved(shift)))
     length, width, height = (float(v) for v in high - low)
-    return Model((length, width, height + STAND_M), tuple(moved))
+    return ObjectModel((length, width, height + STAND_M), tuple(moved))

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from upvl_cli.synthetic.kind import Kind
-from upvl_cli.synthetic.model import Model
+from upvl_cli.synthetic.model import ObjectModel
 from upvl_cli.synthetic.motion import SAMPLE_HZ, Motion
 from upvl_cli.synthetic.road import PARKING_M, PAVEMENT_M, SIDE_HALF_M, Road
 from upvl_cli.synthetic.scene import Thing
@@ -109,7 +109,7 @@ def things_about(road: Road, kinds: Sequence[Kind], density: float, rng: np.rand
     return found
 
 
-def _one(kinds: Sequence[Kind], rng: np.random.Generator) -> tuple[Kind, Model]:
+def _one(kinds: Sequence[Kind], rng: np.random.Generator) -> tuple[Kind, ObjectModel]:
     share = np.array([kind.share for kind in kinds])
     kind = kinds[rng.choice(len(kinds), p=share / share.sum())]
     return kind, kind.build(rng)

@@ -5,27 +5,27 @@ from __future__ import annotations
 import numpy as np
 
 from upvl_cli.synthetic.bodywork import block, both, pick, ring, spokes, varied
-from upvl_cli.synthetic.figure import TOPS, Look, head, look, reach, seated_leg, torso, walker
+from upvl_cli.synthetic.figure import TOPS, Appearance, head, look, reach, seated_leg, torso, walker
 from upvl_cli.synthetic.mesh import Mesh, ellipsoid, joined, prism, tube
-from upvl_cli.synthetic.model import Model, Part
-from upvl_cli.synthetic.surface import CHROME, DARK, RUBBER, STEEL, Surface, cloth
+from upvl_cli.synthetic.model import ObjectModel, Part
+from upvl_cli.synthetic.surface import CHROME, DARK, RUBBER, STEEL, Material, cloth
 
 
-def _backpack(who: Look, colour: Surface) -> Mesh:
+def _backpack(who: Appearance, colour: Material) -> Mesh:
     tall = who.height_m
     return block(
         (-0.17 * tall, -0.06 * tall), (-0.085 * tall, 0.085 * tall), (0.57 * tall, 0.79 * tall), colour
     )
 
 
-def _skirt(who: Look, low: float) -> Mesh:
+def _skirt(who: Appearance, low: float) -> Mesh:
     tall, thick = who.height_m, who.height_m * who.girth
     return tube(
         (0, 0, low * tall), (0, 0, 0.56 * tall), 0.16 * thick, cloth(who.top.rgb), end_radius_m=0.08 * thick
     )
 
 
-def _hat(who: Look, colour: Surface) -> Mesh:
+def _hat(who: Appearance, colour: Material) -> Mesh:
     tall = who.height_m
     size = 0.13 * tall * who.head
     top = 0.863 * tall + size
@@ -37,7 +37,7 @@ def _hat(who: Look, colour: Surface) -> Mesh:
     )
 
 
-def adult(rng: np.random.Generator) -> Model:
+def adult(rng: np.random.Generator) -> ObjectModel:
     """Return a man or a woman; at times with a skirt, a backpack, a bag or a hat."""
     who = look(rng)
     skirt = who.long_hair and rng.random() < 0.5
@@ -53,7 +53,7 @@ def adult(rng: np.random.Generator) -> Model:
     return varied(rng, parts, 0.01)
 
 
-def child(rng: np.random.Generator) -> Model:
+def child(rng: np.random.Generator) -> ObjectModel:
     """Return a boy or a girl, at times with a school bag."""
     who = look(rng, child=True)
     parts = walker(who, shorts=bool(rng.random() < 0.35), sleeves=bool(rng.random() < 0.5))
@@ -64,14 +64,14 @@ def child(rng: np.random.Generator) -> Model:
     return varied(rng, parts, 0.01)
 
 
-def jogger(rng: np.random.Generator) -> Model:
+def jogger(rng: np.random.Generator) -> ObjectModel:
     """Somebody who runs, in shorts and a bright shirt."""
     bright = cloth(pick(rng, ((244, 240, 60), (250, 110, 40), (60, 220, 120), (240, 60, 120))))
     who = look(rng)._replace(top=bright, trousers=cloth((30, 30, 36)), shoes=bright, girth=0.92)
     return varied(rng, walker(who, stride=0.7, sleeves=False, shorts=True), 0.01)
 
 
-def person_with_umbrella(rng: np.random.Generator) -> Model:
+def person_with_umbrella(rng: np.random.Generator) -> ObjectModel:
     """Somebody below an open umbrella."""
     who = look(rng)
     tall = who.height_m
@@ -85,14 +85,14 @@ def person_with_umbrella(rng: np.random.Generator) -> Model:
 
 
 def _wheel(
-    x: float, y: float, radius: float, rim: Surface = STEEL, thick: float = 0.035, pieces: int = 12
+    x: float, y: float, radius: float, rim: Material = STEEL, thick: float = 0.035, pieces: int = 12
 ) -> Mesh:
     centre = (x, y, radius)
     hub = tube((x, y - 0.03, radius), (x, y + 0.03, radius), 0.03, rim, sides=6)
     return joined([ring(centre, radius, thick, RUBBER, pieces), spokes(centre, radius - thick, rim), hub])
 
 
-def pram(rng: np.random.Generator) -> Model:
+def pram(rng: np.random.Generator) -> ObjectModel:
     """Somebody who pushes a pram."""
     who = look(rng)
     tall = who.height_m
@@ -113,7 +113,7 @@ def pram(rng: np.random.Generator) -> Model:
     return varied(rng, parts, 0.02)
 
 
-def wheelchair_user(rng: np.random.Generator) -> Model:
+def wheelchair_user(rng: np.random.Generator) -> ObjectModel:
     """Somebody who sits in a wheelchair."""
     who = look(rng)
     tall = who.height_m
@@ -142,11 +142,11 @@ def wheelchair_user(rng: np.random.Generator) -> Model:
 _COATS = ((60, 44, 34), (30, 28, 28), (196, 154, 96), (226, 218, 204), (140, 92, 54), (120, 118, 116))
 
 
-def dog(rng: np.random.Generator) -> Model:
+def dog(rng: np.random.Generator) -> ObjectModel:
     """Return a dog, with legs that swing."""
     size = float(rng.uniform(0.6, 1.1))
-    coat = Surface(pick(rng, _COATS), 0.35, depth_m=0.01, texture="cloth")
-    patch = Surface(pick(rng, _COATS), 0.35, texture="cloth")
+    coat = Material(pick(rng, _COATS), 0.35, depth_m=0.01, texture="cloth")
+    patch = Material(pick(rng, _COATS), 0.35, texture="cloth")
     stout, shank = size * float(rng.uniform(0.85, 1.25)), 0.3 * size * float(rng.uniform(0.8, 1.1))
     back = shank + 0.17 * size
     parts: list[Part | Mesh] = [

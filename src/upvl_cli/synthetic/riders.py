@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from upvl_cli.synthetic.bodywork import block, both, pick, ring, spokes, varied
-from upvl_cli.synthetic.figure import TOPS, Look, head, look, reach, seated_leg, torso
+from upvl_cli.synthetic.figure import TOPS, Appearance, head, look, reach, seated_leg, torso
 from upvl_cli.synthetic.mesh import Mesh, Triple, ellipsoid, prism, tube
-from upvl_cli.synthetic.model import Model, Part
+from upvl_cli.synthetic.model import ObjectModel, Part
 from upvl_cli.synthetic.surface import (
     CHROME,
     DARK,
@@ -16,7 +16,7 @@ from upvl_cli.synthetic.surface import (
     RUBBER,
     STEEL,
     TAILLIGHT,
-    Surface,
+    Material,
     cloth,
     paint,
 )
@@ -24,11 +24,11 @@ from upvl_cli.synthetic.surface import (
 _HELMETS = ((236, 236, 232), (30, 30, 34), (200, 30, 36), (36, 90, 190), (240, 210, 40))
 
 
-def _bar(start: Triple, end: Triple, radius: float, surface: Surface) -> Mesh:
+def _bar(start: Triple, end: Triple, radius: float, surface: Material) -> Mesh:
     return tube(start, end, radius, surface, sides=5)
 
 
-def _bicycle(frame: Surface) -> list[Mesh]:
+def _bicycle(frame: Material) -> list[Mesh]:
     rear, front, crank = (-0.52, 0.0, 0.34), (0.54, 0.0, 0.34), (-0.06, 0.0, 0.28)
     seat, steer = (-0.22, 0.0, 0.86), (0.36, 0.0, 0.86)
     parts = [ring((x, 0.0, 0.34), 0.34, 0.04, RUBBER, 18) for x in (rear[0], front[0])]
@@ -51,14 +51,16 @@ def _bicycle(frame: Surface) -> list[Mesh]:
     return parts
 
 
-def _sitting(who: Look, hip: Triple, neck: Triple, hand: Triple, helmet: Surface | None) -> list[Part | Mesh]:
+def _sitting(
+    who: Appearance, hip: Triple, neck: Triple, hand: Triple, helmet: Material | None
+) -> list[Part | Mesh]:
     """Return the upper body of somebody who holds a handlebar."""
     share = 0.88
     shoulder = (hip[0] + share * (neck[0] - hip[0]), hip[2] + share * (neck[2] - hip[2]))
     return [torso(who, hip, neck), head(who, neck, helmet), reach(who, *shoulder, hand)]
 
 
-def cyclist(rng: np.random.Generator) -> Model:
+def cyclist(rng: np.random.Generator) -> ObjectModel:
     """Somebody on a bicycle, whose legs pedal; at times with a helmet, a basket or a bag."""
     who = look(rng)._replace(height_m=float(rng.uniform(1.65, 1.85)), girth=float(rng.uniform(0.88, 1.05)))
     helmet = paint(pick(rng, _HELMETS)) if rng.random() < 0.6 else None
@@ -84,7 +86,7 @@ def cyclist(rng: np.random.Generator) -> Model:
     return varied(rng, parts, 0.02)
 
 
-def _motorcycle(lacquer: Surface) -> list[Mesh]:
+def _motorcycle(lacquer: Material) -> list[Mesh]:
     parts = []
     for x, half in ((-0.68, 0.08), (0.72, 0.055)):
         parts.append(tube((x, -half, 0.31), (x, half, 0.31), 0.31, RUBBER, sides=16))
@@ -116,7 +118,7 @@ def _motorcycle(lacquer: Surface) -> list[Mesh]:
     return parts
 
 
-def motorcyclist(rng: np.random.Generator) -> Model:
+def motorcyclist(rng: np.random.Generator) -> ObjectModel:
     """Somebody with a helmet on a motorcycle."""
     dark = cloth(pick(rng, ((34, 34, 38), (34, 34, 38), (70, 40, 30), (150, 30, 34))))
     who = look(rng)._replace(height_m=float(rng.uniform(1.68, 1.88)), top=dark, trousers=cloth((36, 38, 44)))
@@ -137,7 +139,7 @@ def motorcyclist(rng: np.random.Generator) -> Model:
     return varied(rng, parts, 0.03)
 
 
-def scooter_rider(rng: np.random.Generator) -> Model:
+def scooter_rider(rng: np.random.Generator) -> ObjectModel:
     """Somebody who stands on an electric kick scooter."""
     who = look(rng)
     accent = paint(pick(rng, ((40, 200, 90), (250, 130, 20), (30, 30, 34), (220, 30, 60), (230, 220, 40))))

@@ -9,10 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from upvl_cli.synthetic.kind import Kind
-from upvl_cli.synthetic.model import Model
+from upvl_cli.synthetic.model import ObjectModel
 from upvl_cli.synthetic.motion import Motion
 from upvl_cli.synthetic.piece import STUFF, Piece
-from upvl_cli.synthetic.surface import Surface
+from upvl_cli.synthetic.surface import Material
 from upvl_cli.types import Ints
 
 STUFF_NAMES = tuple(STUFF)
@@ -29,12 +29,12 @@ class Thing:
     """
 
     kind: Kind
-    model: Model
+    model: ObjectModel
     motion: Motion
 
 
 @dataclass(frozen=True)
-class Scene:
+class CityScene:
     """What there is.
 
     Attributes:
@@ -48,7 +48,7 @@ class Scene:
     ego: Motion
 
     @cached_property
-    def surfaces(self) -> tuple[Surface, ...]:
+    def surfaces(self) -> tuple[Material, ...]:
         """All materials, each once."""
         meshes = [piece.mesh for piece in self.pieces]
         meshes += [part.mesh for thing in self.things for part in thing.model.parts]

@@ -7,11 +7,11 @@ import numpy as np
 from upvl_cli.synthetic.bodywork import Shell, arches, block, both, pick, rectangle, varied, wheels
 from upvl_cli.synthetic.cars import BLUE_LIGHT, RED_LIGHT, SEDAN, SUV, WHITE, car, mirrors, tail
 from upvl_cli.synthetic.mesh import Mesh
-from upvl_cli.synthetic.model import Model
-from upvl_cli.synthetic.surface import DARK, GLASS, HEADLIGHT, PLATE, TAILLIGHT, Surface, paint
+from upvl_cli.synthetic.model import ObjectModel
+from upvl_cli.synthetic.surface import DARK, GLASS, HEADLIGHT, PLATE, TAILLIGHT, Material, paint
 
 
-def _light_bar(x_m: float, top_m: float, half_m: float, right: Surface, left: Surface) -> list[Mesh]:
+def _light_bar(x_m: float, top_m: float, half_m: float, right: Material, left: Material) -> list[Mesh]:
     return [
         block((x_m - 0.12, x_m + 0.12), (-half_m, half_m), (top_m - 0.03, top_m + 0.05), DARK),
         block((x_m - 0.15, x_m + 0.15), (-half_m - 0.02, -0.1), (top_m + 0.04, top_m + 0.17), right),
@@ -20,7 +20,7 @@ def _light_bar(x_m: float, top_m: float, half_m: float, right: Surface, left: Su
     ]
 
 
-def police_car(rng: np.random.Generator) -> Model:
+def police_car(rng: np.random.Generator) -> ObjectModel:
     """Return a saloon in police colours with a light bar: white and blue, or black and white."""
     blue = rng.random() < 0.6
     lacquer, door = (paint(WHITE), paint((20, 66, 178))) if blue else (paint((22, 23, 26)), paint(WHITE))
@@ -38,14 +38,16 @@ def police_car(rng: np.random.Generator) -> Model:
     return varied(rng, parts, 0.02)
 
 
-def taxi(rng: np.random.Generator) -> Model:
+def taxi(rng: np.random.Generator) -> ObjectModel:
     """Return a taxi with its sign on the roof: yellow, black or cream."""
     lacquer = paint(pick(rng, ((244, 190, 24), (244, 190, 24), (30, 30, 32), (224, 212, 170))))
     form = pick(rng, (SEDAN, SEDAN, SUV))
     top = max(z for _, z in form.cabin.outline_xz_m)
     parts = [*car(form, lacquer), *tail(form)]
     parts.append(block((-0.4, -0.12), (-0.3, 0.3), (top - 0.02, top + 0.04), DARK))
-    parts.append(block((-0.35, -0.17), (-0.27, 0.27), (top + 0.03, top + 0.2), Surface((250, 226, 120), 0.8)))
+    parts.append(
+        block((-0.35, -0.17), (-0.27, 0.27), (top + 0.03, top + 0.2), Material((250, 226, 120), 0.8))
+    )
     chequer = DARK if lacquer.rgb[0] > 100 else paint(WHITE)
     z = form.glass_z_m[0] - 0.28
     for x in np.arange(-0.85, 0.9, 0.24):
@@ -64,7 +66,7 @@ _AMBULANCE_BOX = Shell(
 )
 
 
-def ambulance(rng: np.random.Generator) -> Model:
+def ambulance(rng: np.random.Generator) -> ObjectModel:
     """Return a white box on a van's front, with a stripe of red or orange and blue lights."""
     white = paint(WHITE)
     stripe = paint(pick(rng, ((222, 30, 30), (250, 108, 20))))

@@ -7,7 +7,7 @@ from typing import NamedTuple
 Rgb = tuple[int, int, int]
 
 
-class Surface(NamedTuple):
+class Material(NamedTuple):
     """A material.
 
     Attributes:
@@ -27,35 +27,35 @@ class Surface(NamedTuple):
     gloss: float = 0.0
 
 
-def paint(rgb: Rgb) -> Surface:
+def paint(rgb: Rgb) -> Material:
     """Return the lacquer of a vehicle; dark colours hardly answer a LiDAR."""
     brightness = sum(rgb) / (3 * 255)
-    return Surface(rgb, 0.08 + 0.55 * brightness, 0.12 - 0.1 * brightness, gloss=0.25)
+    return Material(rgb, 0.08 + 0.55 * brightness, 0.12 - 0.1 * brightness, gloss=0.25)
 
 
-def cloth(rgb: Rgb) -> Surface:
+def cloth(rgb: Rgb) -> Material:
     """Return what people wear."""
-    return Surface(rgb, 0.2 + 0.4 * sum(rgb) / (3 * 255), texture="cloth")
+    return Material(rgb, 0.2 + 0.4 * sum(rgb) / (3 * 255), texture="cloth")
 
 
-GLASS = Surface((58, 70, 82), 0.15, 0.45, gloss=0.6)
-RUBBER = Surface((34, 34, 36), 0.06, 0.15)
-STEEL = Surface((128, 132, 136), 0.45, gloss=0.2)
-CHROME = Surface((190, 194, 198), 0.6, gloss=0.6)
-DARK = Surface((40, 42, 46), 0.1, 0.1)
-SKIN = Surface((206, 162, 134), 0.45)
-HEADLIGHT = Surface((244, 240, 220), 0.9, gloss=0.3)
-TAILLIGHT = Surface((176, 24, 28), 0.8)
-PLATE = Surface((236, 236, 230), 0.95, 0.0)
-ASPHALT = Surface((92, 92, 96), 0.12, 0.04, texture="asphalt")
-MARKING = Surface((222, 222, 216), 0.75, texture="worn")
-KERB = Surface((168, 166, 160), 0.3, texture="concrete")
-PAVEMENT = Surface((150, 146, 140), 0.25, texture="slabs")
-GRASS = Surface((98, 132, 66), 0.35, 0.03, 0.03, texture="grass")
-BRICK = Surface((152, 92, 74), 0.35, texture="bricks")
-PLASTER = Surface((208, 196, 168), 0.5, texture="plaster")
-CONCRETE = Surface((160, 160, 154), 0.3, texture="concrete")
-WOOD = Surface((138, 104, 70), 0.35, texture="planks")
-TILES = Surface((142, 74, 56), 0.3, texture="tiles")
-BARK = Surface((92, 72, 54), 0.25, texture="bark")
-LEAVES = Surface((58, 104, 44), 0.4, 0.08, 0.35, texture="leaves")
+GLASS = Material((58, 70, 82), 0.15, 0.45, gloss=0.6)
+RUBBER = Material((34, 34, 36), 0.06, 0.15)
+STEEL = Material((128, 132, 136), 0.45, gloss=0.2)
+CHROME = Material((190, 194, 198), 0.6, gloss=0.6)
+DARK = Material((40, 42, 46), 0.1, 0.1)
+SKIN = Material((206, 162, 134), 0.45)
+HEADLIGHT = Material((244, 240, 220), 0.9, gloss=0.3)
+TAILLIGHT = Material((176, 24, 28), 0.8)
+PLATE = Material((236, 236, 230), 0.95, 0.0)
+ASPHALT = Material((92, 92, 96), 0.12, 0.04, texture="asphalt")
+MARKING = Material((222, 222, 216), 0.75, texture="worn")
+KERB = Material((168, 166, 160), 0.3, texture="concrete")
+PAVEMENT = Material((150, 146, 140), 0.25, texture="slabs")
+GRASS = Material((98, 132, 66), 0.35, 0.03, 0.03, texture="grass")
+BRICK = Material((152, 92, 74), 0.35, texture="bricks")
+PLASTER = Material((208, 196, 168), 0.5, texture="plaster")
+CONCRETE = Material((160, 160, 154), 0.3, texture="concrete")
+WOOD = Material((138, 104, 70), 0.35, texture="planks")
+TILES = Material((142, 74, 56), 0.3, texture="tiles")
+BARK = Material((92, 72, 54), 0.25, texture="bark")
+LEAVES = Material((58, 104, 44), 0.4, 0.08, 0.35, texture="leaves")

@@ -1,6 +1,6 @@
 """Vehicles on their lanes: they follow, queue, stop, turn and change lanes.
 
-Each lane is simulated with the Intelligent Driver Model (Treiber, Hennecke and Helbing, Physical Review E
+Each lane is simulated with the Intelligent Driver ObjectModel (Treiber, Hennecke and Helbing, Physical Review E
 62, 2000, equations 1 to 3).
 """
 
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from upvl_cli.synthetic.kind import CYCLIST, Kind
-from upvl_cli.synthetic.model import Model
+from upvl_cli.synthetic.model import ObjectModel
 from upvl_cli.synthetic.motion import SAMPLE_HZ
 from upvl_cli.synthetic.road import LANE_M, SIDE_HALF_M, Road
 from upvl_cli.synthetic.scene import Thing
@@ -51,7 +51,7 @@ class Driver:
     speed_mps: float
     wish_mps: float
     length_m: float
-    thing: tuple[Kind, Model] | None = None
+    thing: tuple[Kind, ObjectModel] | None = None
     turns_at_m: float = np.inf
 
 

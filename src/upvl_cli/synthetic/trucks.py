@@ -9,7 +9,7 @@ import numpy as np
 from upvl_cli.synthetic.bodywork import Shell, arches, block, both, pick, rectangle, varied, wheels
 from upvl_cli.synthetic.cars import AMBER_LIGHT, WHITE
 from upvl_cli.synthetic.mesh import Mesh, Pair, prism, tube
-from upvl_cli.synthetic.model import Model
+from upvl_cli.synthetic.model import ObjectModel
 from upvl_cli.synthetic.surface import (
     CHROME,
     DARK,
@@ -18,8 +18,8 @@ from upvl_cli.synthetic.surface import (
     PLATE,
     STEEL,
     TAILLIGHT,
+    Material,
     Rgb,
-    Surface,
     paint,
 )
 
@@ -34,14 +34,14 @@ _PAINTS: tuple[Rgb, ...] = (
     (226, 112, 30),
 )
 YELLOW: Rgb = (244, 182, 20)
-SHUTTER = Surface((176, 180, 184), 0.6, texture="plain", gloss=0.3)
+SHUTTER = Material((176, 180, 184), 0.6, texture="plain", gloss=0.3)
 
 
 def cab(
     front_m: float,
     length_m: float,
     z_m: Pair,
-    lacquer: Surface,
+    lacquer: Material,
     axles_m: Sequence[float] = (),
     *,
     width_m: float = 2.45,
@@ -93,7 +93,7 @@ def frame(x_m: Pair, top_m: float) -> Mesh:
     return block(x_m, (-0.45, 0.45), (top_m - 0.35, top_m), DARK)
 
 
-def box_truck(rng: np.random.Generator) -> Model:
+def box_truck(rng: np.random.Generator) -> ObjectModel:
     """Return a lorry with a box, at times with a stripe or a picture on it."""
     load = paint(pick(rng, _PAINTS))
     parts = [
@@ -114,7 +114,7 @@ def box_truck(rng: np.random.Generator) -> Model:
     return varied(rng, parts, 0.06)
 
 
-def _bonneted(lacquer: Surface) -> list[Mesh]:
+def _bonneted(lacquer: Material) -> list[Mesh]:
     """Return a cab behind a bonnet, with upright exhausts."""
     bonnet = Shell(((6.1, 0.7), (8.0, 0.7), (8.1, 0.85), (8.05, 1.7), (7.9, 1.8), (6.1, 1.95)), 1.8, 0.15)
     cab = Shell(((4.3, 0.7), (6.2, 0.7), (6.2, 1.9), (5.95, 2.8), (5.7, 3.0), (4.3, 3.4)), 2.3, 0.12)
@@ -131,7 +131,7 @@ def _bonneted(lacquer: Surface) -> list[Mesh]:
     return parts
 
 
-def _trailer(rng: np.random.Generator, lacquer: Surface) -> list[Mesh]:
+def _trailer(rng: np.random.Generator, lacquer: Material) -> list[Mesh]:
     """Return what is pulled: a box, a container or a tank, of one length."""
     form = int(rng.integers(4))
     if form == 0:
@@ -154,7 +154,7 @@ def _trailer(rng: np.random.Generator, lacquer: Surface) -> list[Mesh]:
     return [*parts, both((-3.6, 1.6), (1.15, 1.2), (0.6, 1.1), STEEL)]
 
 
-def articulated_truck(rng: np.random.Generator) -> Model:
+def articulated_truck(rng: np.random.Generator) -> ObjectModel:
     """Return a tractor unit and its long trailer."""
     lacquer = paint(pick(rng, _PAINTS))
     american = rng.random() < 0.35
@@ -174,7 +174,7 @@ def articulated_truck(rng: np.random.Generator) -> Model:
     return varied(rng, parts, 0.03)
 
 
-def tipper(rng: np.random.Generator) -> Model:
+def tipper(rng: np.random.Generator) -> ObjectModel:
     """Return a lorry with an open skip for sand and stones."""
     lacquer = paint(pick(rng, (YELLOW, *_PAINTS)))
     skip = paint(pick(rng, ((226, 112, 30), (96, 100, 104), YELLOW, (60, 110, 60))))
@@ -185,13 +185,13 @@ def tipper(rng: np.random.Generator) -> Model:
     parts.append(Shell(((2.0, 2.4), (3.1, 3.0), (3.1, 3.1), (2.0, 2.7)), 2.4).mesh(skip))
     for x in (-3.0, -2.1, -1.2, -0.3, 0.6, 1.5):
         parts.append(both((x - 0.06, x + 0.06), (1.2, 1.3), (1.2, 2.5), skip))
-    sand = Surface(pick(rng, ((190, 160, 110), (120, 114, 106), (88, 66, 48))), 0.35)
+    sand = Material(pick(rng, ((190, 160, 110), (120, 114, 106), (88, 66, 48))), 0.35)
     heap = ((-3.8, 2.4), (1.9, 2.4), (0.8, 2.8), (-0.8, 3.0), (-2.6, 2.75))
     parts.append(prism(heap, 2.2, sand, 0.8))
     return varied(rng, parts, 0.04)
 
 
-def concrete_mixer(rng: np.random.Generator) -> Model:
+def concrete_mixer(rng: np.random.Generator) -> ObjectModel:
     """Return a lorry with a turning drum."""
     parts = [*cab(4.2, 1.7, (0.6, 2.95), paint(pick(rng, _PAINTS)), (3.2,)), frame((-4.0, 3.9), 1.1)]
     parts.append(wheels((-2.8, -1.45, 1.9), 1.24, 0.5, 0.35, STEEL, 0.5))
@@ -216,7 +216,7 @@ def concrete_mixer(rng: np.random.Generator) -> Model:
     return varied(rng, parts, 0.04)
 
 
-def garbage_truck(rng: np.random.Generator) -> Model:
+def garbage_truck(rng: np.random.Generator) -> ObjectModel:
     """Return a lorry that presses rubbish, with an opening at its rear."""
     lacquer = paint(pick(rng, ((240, 128, 20), WHITE, (60, 130, 60))))
     load = paint(pick(rng, ((240, 128, 20), (60, 130, 60), (228, 230, 226))))

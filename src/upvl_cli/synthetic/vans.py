@@ -7,8 +7,19 @@ import numpy as np
 from upvl_cli.synthetic.bodywork import Shell, block, both, pick, rectangle, varied
 from upvl_cli.synthetic.cars import PAINTS, WHITE, Form, car, lights, mirrors, rolling, tail
 from upvl_cli.synthetic.mesh import Mesh, box, tube
-from upvl_cli.synthetic.model import Model
-from upvl_cli.synthetic.surface import CHROME, DARK, GLASS, PLATE, STEEL, TAILLIGHT, WOOD, Rgb, Surface, paint
+from upvl_cli.synthetic.model import ObjectModel
+from upvl_cli.synthetic.surface import (
+    CHROME,
+    DARK,
+    GLASS,
+    PLATE,
+    STEEL,
+    TAILLIGHT,
+    WOOD,
+    Material,
+    Rgb,
+    paint,
+)
 
 _VAN_PAINTS: tuple[Rgb, ...] = (WHITE, WHITE, (182, 186, 190), (206, 160, 30), (40, 70, 140), (150, 30, 34))
 
@@ -30,7 +41,7 @@ _PICKUP = Form(
 )
 
 
-def _bed(lacquer: Surface) -> list[Mesh]:
+def _bed(lacquer: Material) -> list[Mesh]:
     """Return the open bed of a pickup."""
     bed = Shell(rectangle((-2.68, -0.5), (0.45, 0.72)), 1.87)
     return [
@@ -46,7 +57,7 @@ def _bed(lacquer: Surface) -> list[Mesh]:
     ]
 
 
-def pickup(rng: np.random.Generator) -> Model:
+def pickup(rng: np.random.Generator) -> ObjectModel:
     """Return a car with an open bed at its rear, at times loaded."""
     lacquer = paint(pick(rng, PAINTS))
     form = _PICKUP
@@ -71,7 +82,7 @@ _VAN = Shell(
 )
 
 
-def _van(lacquer: Surface, glazed: bool) -> list[Mesh]:
+def _van(lacquer: Material, glazed: bool) -> list[Mesh]:
     """Return a van, with windows along the sides or closed."""
     body = _VAN
     form = Form(
@@ -90,7 +101,7 @@ def _van(lacquer: Surface, glazed: bool) -> list[Mesh]:
     return parts
 
 
-def van(rng: np.random.Generator) -> Model:
+def van(rng: np.random.Generator) -> ObjectModel:
     """Return a van for goods or people."""
     parts = _van(paint(pick(rng, _VAN_PAINTS)), bool(rng.random() < 0.35))
     livery = paint(pick(rng, PAINTS))

@@ -7,7 +7,7 @@ import numpy as np
 from upvl_cli.synthetic.bodywork import Shell, arches, block, both, pick, rectangle, varied, wheels
 from upvl_cli.synthetic.cars import AMBER_LIGHT, BLUE_LIGHT, WHITE
 from upvl_cli.synthetic.mesh import box, prism, tube
-from upvl_cli.synthetic.model import Model
+from upvl_cli.synthetic.model import ObjectModel
 from upvl_cli.synthetic.surface import (
     CHROME,
     DARK,
@@ -16,13 +16,13 @@ from upvl_cli.synthetic.surface import (
     RUBBER,
     STEEL,
     TAILLIGHT,
-    Surface,
+    Material,
     paint,
 )
 from upvl_cli.synthetic.trucks import SHUTTER, YELLOW, cab, frame, tail
 
 
-def fire_truck(rng: np.random.Generator) -> Model:
+def fire_truck(rng: np.random.Generator) -> ObjectModel:
     """Return a red lorry with silver shutters, a ladder on its roof and blue lights."""
     red = paint(pick(rng, ((206, 20, 24), (220, 34, 20), (180, 16, 24))))
     white = paint(WHITE)
@@ -49,7 +49,7 @@ def fire_truck(rng: np.random.Generator) -> Model:
     return varied(rng, parts, 0.03)
 
 
-def tractor(rng: np.random.Generator) -> Model:
+def tractor(rng: np.random.Generator) -> ObjectModel:
     """Return a farm tractor: big rear wheels, small front wheels, a narrow bonnet."""
     lacquer = paint(pick(rng, ((44, 122, 46), (194, 30, 30), (36, 84, 168), (226, 116, 26))))
     rim = paint(pick(rng, ((240, 206, 40), (226, 226, 220), (194, 30, 30))))
@@ -83,10 +83,10 @@ def tractor(rng: np.random.Generator) -> Model:
     return varied(rng, parts, 0.06)
 
 
-def crane(rng: np.random.Generator) -> Model:
+def crane(rng: np.random.Generator) -> ObjectModel:
     """Return a mobile crane: a long low carrier, and a boom that lies forward."""
     yellow = paint(pick(rng, (YELLOW, YELLOW, (236, 130, 24), (204, 40, 36))))
-    grey = Surface((92, 96, 100), 0.3)
+    grey = Material((92, 96, 100), 0.3)
     carrier = Shell(rectangle((-5.4, 4.2), (0.85, 1.5)), 2.5)
     parts = [carrier.mesh(yellow), *cab(5.9, 1.75, (0.6, 2.3), yellow, width_m=2.5), *tail(-5.4, 1.15, 1.1)]
     parts.append(wheels((-4.2, -2.6, 1.6, 3.2), 1.27, 0.6, 0.42, STEEL, 0.5))
