@@ -99,7 +99,7 @@ def rows(segment: str, things: list[Thing], frames: int) -> list[ObjectRow]:
                 velocity_mps=np.array([[thing.speed_mps, thing.speed_y_mps, 0] for thing in here]).reshape(
                     -1, 3
                 ),
-                num_points=np.bincount(of_box, minlength=len(here)),
+                num_points=np.bincount(of_box, minlength=len(here)) + 3,  # some that no camera sees
                 score=np.array([thing.score for thing in here]),
                 track_id=np.array([thing.track for thing in here], dtype=np.int64),
                 time_ns=10**9 + round(frame * FRAME_S * 1e9),

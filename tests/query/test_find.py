@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from upvl_cli.pipeline.tables import Table
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.query.classes import Classes, classes_from_phrases
 from upvl_cli.query.filters import Filters
-from upvl_cli.query.find import QueryResult, find
+from upvl_cli.query.find import Hits, QueryResult, best_first, find
 from upvl_cli.query.index import indexed_objects
 from upvl_cli.query.store import Store, open_store
 from upvl_cli.query.vocabulary import Vocabulary, build_vocabulary
@@ -331,3 +332,34 @@ def test_an_unchanged_drive_is_copied_from_the_index(tmp_path: Path) -> None:
     put(made, "two", [Thing({"bus": 5}, track=9)])
     found = dict(indexed_objects(open_store(made, None)))
     assert (found["one"].track_id.tolist(), found["two"].track_id.tolist()) == ([4], [9])
+
+
+def test_the_order_of_hits_by_hand() -> None:
+    """Each row beats the next by one column alone, and all later columns speak against it."""
+    score = [0.9, 0.8, 0.8, 0.8, 0.8, 0.8]
+    cosine = [0.1, 0.7, 0.6, 0.6, 0.6, 0.6]
+    segment = ["z", "z", "a", "b", "b", "b"]
+    frame = [9, 9, 9, 3, 5, 5]
+    box = [9, 9, 9, 9, 1, 2]
+    values = {spec.name: np.zeros((6, *spec.metadata["shape"])) for spec in fields(Hits)}
+    columns = {"score": score, "cosine": cosine, "segment": segment, "frame": frame, "box": box}
+    expected = Hits(**{**values, **{name: np.array(column) for name, column in columns.items()}})
+    found = best_first(expected[[3, 5, 0, 4, 2, 1]])
+    for name in columns:
+        assert getattr(found, name).tolist() == getattr(expected, name).tolist()
+
+
+def test_a_negative_is_never_a_hit(made: Workspace) -> None:
+    """The first negative follows the last class, and wins three boxes."""
+    vocabulary = build_vocabulary(made, Classes({"a": ("bus",)}, ("car",)), config(made), check_spelling=True)
+    found = find(open_store(made, None), vocabulary, Filters(segments=("one",)), config(made))
+    assert set(found.hits.class_index.tolist()) <= {0}
+    assert ("one", 0, 0) not in keys(found)
+    assert found.counts["other words"] >= 3
+
+
+def test_a_filtered_box_without_points_has_one_fate(made: Workspace) -> None:
+    """The box that nothing is seen of stands at 12 m, behind the bound."""
+    found = ask(made, "fire truck", filters=Filters(max_range_m=11))
+    assert found.counts["without points"] == 0
+    assert sum(items for name, items in found.counts.items() if name != "boxes") == found.counts["boxes"]

@@ -110,9 +110,12 @@ def find(store: Store, vocabulary: Vocabulary, filters: Filters, config: QueryCo
         counts["below the threshold"] += int((is_queried & (score < config.threshold)).sum())
         counts["hits"] += int(hit.sum())
         parts.append(_hits(chosen.segment, objects, votes, hit))
-    hits = concat(parts, Hits)
-    best_first = np.lexsort((hits.box, hits.frame, hits.segment, -hits.cosine, -hits.score))
-    return QueryResult(hits[best_first], counts)
+    return QueryResult(best_first(concat(parts, Hits)), counts)
+
+
+def best_first(hits: Hits) -> Hits:
+    """Return the hits by descending score, then descending cosine, then drive, frame and row."""
+    return hits[np.lexsort((hits.box, hits.frame, hits.segment, -hits.cosine, -hits.score))]
 
 
 def _hits(segment: str, objects: Objects, votes: VoteResult, hit: Bools) -> Hits:

@@ -9,7 +9,7 @@ import numpy as np
 
 from upvl_cli.synthetic.mesh import Mesh, Pair, Triple, box, merge, of, prism, tube
 from upvl_cli.synthetic.model import ObjectModel, Part, model
-from upvl_cli.synthetic.surface import CHROME, DARK, RUBBER, Material
+from upvl_cli.synthetic.surface import CHROME, DARK, RUBBER, Finish
 
 T = TypeVar("T")
 LIFT_M = 0.008  # how far a panel stands out of what it lies on, so that rays never tie
@@ -21,13 +21,13 @@ def pick(rng: np.random.Generator, options: Sequence[T]) -> T:
     return options[int(rng.integers(len(options)))]
 
 
-def block(x_m: Pair, y_m: Pair, z_m: Pair, surface: Material) -> Mesh:
+def block(x_m: Pair, y_m: Pair, z_m: Pair, surface: Finish) -> Mesh:
     """Return a box between bounds."""
     (x, x1), (y, y1), (z, z1) = x_m, y_m, z_m
     return box((x1 - x, y1 - y, z1 - z), ((x + x1) / 2, (y + y1) / 2, (z + z1) / 2), surface)
 
 
-def both(x_m: Pair, y_m: Pair, z_m: Pair, surface: Material) -> Mesh:
+def both(x_m: Pair, y_m: Pair, z_m: Pair, surface: Finish) -> Mesh:
     """Return a box on the left and the same on the right."""
     low, high = y_m
     return merge([block(x_m, (low, high), z_m, surface), block(x_m, (-high, -low), z_m, surface)])
@@ -69,7 +69,7 @@ class Shell(NamedTuple):
     width_m: float
     inset_m: float = 0.0
 
-    def mesh(self, surface: Material) -> Mesh:
+    def mesh(self, surface: Finish) -> Mesh:
         """Return the body itself."""
         return prism(self.outline_xz_m, self.width_m, surface, self.inset_m)
 
@@ -89,13 +89,13 @@ class Shell(NamedTuple):
         places = start[met, 0] + share * (end[met, 0] - start[met, 0])
         return float(way * (way * places).max())
 
-    def side(self, outline_xz_m: Sequence[Pair], surface: Material, lift_m: float = LIFT_M) -> Mesh:
+    def side(self, outline_xz_m: Sequence[Pair], surface: Finish, lift_m: float = LIFT_M) -> Mesh:
         """Return a panel on the left and on the right."""
         heights = [z for _, z in outline_xz_m]
         low, high = self.half_m(min(heights)), self.half_m(max(heights))
         return prism(outline_xz_m, 2 * (low + lift_m), surface, low - high)
 
-    def window(self, span: Pair, z_m: Pair, surface: Material, lift_m: float = LIFT_M) -> Mesh:
+    def window(self, span: Pair, z_m: Pair, surface: Finish, lift_m: float = LIFT_M) -> Mesh:
         """Return a panel on both sides, slanted as the ends are; its span is 0 at the rear and 1 at the front."""
         corners = []
         for share, z in ((0, 0), (1, 0), (1, 1), (0, 1)):
@@ -111,17 +111,17 @@ class Shell(NamedTuple):
             (outer[1] + near, z_m[1]),
         ]
 
-    def screen(self, z_m: Pair, surface: Material, way: int = 1, margin_m: float = 0.08) -> Mesh:
+    def screen(self, z_m: Pair, surface: Finish, way: int = 1, margin_m: float = 0.08) -> Mesh:
         """Return a panel over the whole width of the front or rear, but for a margin."""
         low, high = self.half_m(z_m[0]), self.half_m(z_m[1])
         return prism(self._slab(z_m, way, 0.015, _DEPTH_M), 2 * (low - margin_m), surface, low - high)
 
-    def badge(self, y_m: Pair, z_m: Pair, surface: Material, way: int = 1, lift_m: float = 0.012) -> Mesh:
+    def badge(self, y_m: Pair, z_m: Pair, surface: Finish, way: int = 1, lift_m: float = 0.012) -> Mesh:
         """Return a panel on a piece of the front or rear."""
         outline = self._slab(z_m, way, lift_m, _DEPTH_M)
         return prism(outline, y_m[1] - y_m[0], surface).moved((0.0, (y_m[0] + y_m[1]) / 2, 0.0))
 
-    def lamps(self, width_m: float, z_m: Pair, surface: Material, way: int = 1, depth_m: float = 0.2) -> Mesh:
+    def lamps(self, width_m: float, z_m: Pair, surface: Finish, way: int = 1, depth_m: float = 0.2) -> Mesh:
         """Lights at both corners of the front or rear, which go around them."""
         outline = self._slab(z_m, way, 0.02, depth_m)
         lamp = prism(outline, width_m, surface)
@@ -134,7 +134,7 @@ def wheels(
     side_m: float,
     radius_m: float,
     width_m: float = 0.22,
-    hub: Material = CHROME,
+    hub: Finish = CHROME,
     hub_share: float = 0.62,
 ) -> Mesh:
     """Axles with a wheel at each end, the outer side of which is so far out."""
@@ -151,7 +151,7 @@ def wheels(
     return merge(parts)
 
 
-def arches(x_m: Sequence[float], side_m: float, radius_m: float, surface: Material = DARK) -> Mesh:
+def arches(x_m: Sequence[float], side_m: float, radius_m: float, surface: Finish = DARK) -> Mesh:
     """Return the dark above the wheels, on both sides of a body whose side is so far out."""
     angle = np.linspace(0, np.pi, 9)
     rim = radius_m + 0.07
@@ -159,7 +159,7 @@ def arches(x_m: Sequence[float], side_m: float, radius_m: float, surface: Materi
     return merge(prism(outline, 2 * (side_m + LIFT_M), surface) for outline in outlines)
 
 
-def ring(centre_m: Triple, radius_m: float, thick_m: float, surface: Material, pieces: int = 14) -> Mesh:
+def ring(centre_m: Triple, radius_m: float, thick_m: float, surface: Finish, pieces: int = 14) -> Mesh:
     """Return an upright wheel rim or tyre that one can look through; its axle points left."""
     angle = np.arange(pieces) * 2 * np.pi / pieces
     # Corners of the cross-section, outwards and to the left, so that the faces look out.
@@ -179,7 +179,7 @@ def ring(centre_m: Triple, radius_m: float, thick_m: float, surface: Material, p
     return of(corners, np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])]), surface)
 
 
-def spokes(centre_m: Triple, radius_m: float, surface: Material, count: int = 3) -> Mesh:
+def spokes(centre_m: Triple, radius_m: float, surface: Finish, count: int = 3) -> Mesh:
     """Thin bars across a wheel."""
     parts = []
     for angle in np.arange(count) * np.pi / count + 0.3:

@@ -15,7 +15,7 @@ from upvl_cli.synthetic.ground import END_M, START_M, near, spot
 from upvl_cli.synthetic.mesh import Mesh, Triple
 from upvl_cli.synthetic.piece import Piece
 from upvl_cli.synthetic.road import Road
-from upvl_cli.synthetic.surface import BRICK, CONCRETE, GLASS, PLASTER, STEEL, TILES, WOOD, Material
+from upvl_cli.synthetic.surface import BRICK, CONCRETE, GLASS, PLASTER, STEEL, TILES, WOOD, Finish
 from upvl_cli.types import Array
 
 _CORNER_M = 9.0  # between the side street's middle and the first building
@@ -31,8 +31,17 @@ _WALLS = (
     *(CONCRETE._replace(rgb=rgb) for rgb in ((160, 160, 154), (128, 132, 136))),
 )
 _ROOFS = (TILES, TILES._replace(rgb=(84, 82, 86), reflectance=0.2), TILES._replace(rgb=(112, 66, 48)))
-_FRAMES = (Material((232, 232, 228), 0.6), Material((92, 70, 54), 0.3), Material((66, 70, 76), 0.2))
-_DOORS = (WOOD, Material((66, 84, 72), 0.3), Material((116, 40, 36), 0.3), Material((60, 70, 96), 0.3))
+_FRAMES = (
+    Finish((232, 232, 228), 0.6),
+    Finish((92, 70, 54), 0.3),
+    Finish((66, 70, 76), 0.2),
+)
+_DOORS = (
+    WOOD,
+    Finish((66, 84, 72), 0.3),
+    Finish((116, 40, 36), 0.3),
+    Finish((60, 70, 96), 0.3),
+)
 
 
 class Lot(NamedTuple):
@@ -67,10 +76,10 @@ class Facade(NamedTuple):
         window_m: Width and height of a window.
     """
 
-    wall: Material
-    frame: Material
-    glass: Material
-    door: Material
+    wall: Finish
+    frame: Finish
+    glass: Finish
+    door: Finish
     floors: int
     floor_m: float
     pitch_m: float
@@ -211,7 +220,7 @@ def _house(lot: Lot, rng: np.random.Generator) -> Mesh:
 
 
 def _gabled(
-    span_m: float, length_m: float, eaves_m: float, slope: float, wall: Material, roof: Material
+    span_m: float, length_m: float, eaves_m: float, slope: float, wall: Finish, roof: Finish
 ) -> list[Mesh]:
     """Walls, both sides of the roof and a chimney; the ridge along y."""
     half = span_m / 2
@@ -236,7 +245,7 @@ def _facade(rng: np.random.Generator, floors: int, floor_m: float, *, wide: bool
     return Facade(wall, frame, glass, door, floors, floor_m, pitch, window)
 
 
-def _standing(width_m: float, depth_m: float, height_m: float, surface: Material, out_m: float = 0.0) -> Mesh:
+def _standing(width_m: float, depth_m: float, height_m: float, surface: Finish, out_m: float = 0.0) -> Mesh:
     """Walls from below the ground up, so far outside those of the building."""
     size = (width_m + 2 * out_m, depth_m + 2 * out_m, height_m + _SUNK_M)
     return mesh.box(size, (0.0, depth_m / 2, (height_m - _SUNK_M) / 2), surface)

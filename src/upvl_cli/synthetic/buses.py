@@ -16,7 +16,7 @@ from upvl_cli.synthetic.surface import (
     PLATE,
     STEEL,
     TAILLIGHT,
-    Material,
+    Finish,
     Rgb,
     paint,
 )
@@ -52,7 +52,7 @@ def _door(x_m: Pair, y_m: float, z_m: Pair) -> list[Mesh]:
     ]
 
 
-def _bus(lacquer: Material, skirt: Material, height_m: float) -> tuple[Shell, list[Mesh]]:
+def _bus(lacquer: Finish, skirt: Finish, height_m: float) -> tuple[Shell, list[Mesh]]:
     body = Shell(
         ((-5.95, 0.32), (5.9, 0.32), (6.0, 0.5), (6.0, 1.05), (5.9, height_m - 0.3), (5.75, height_m))
         + ((-5.85, height_m), (-5.98, height_m - 0.15), (-6.0, 0.6)),
@@ -152,7 +152,7 @@ def school_bus(rng: np.random.Generator) -> ObjectModel:
 def tram(rng: np.random.Generator) -> ObjectModel:
     """Return a tram of three low cars, with bellows between them and a pantograph on top."""
     lacquer = paint(pick(rng, (*_PAINTS, (196, 40, 44), (240, 214, 120))))
-    roof = Material((150, 154, 158), 0.4)
+    roof = Finish((150, 154, 158), 0.4)
     front = Shell(
         ((4.4, 0.18), (12.1, 0.18), (12.4, 0.5), (12.4, 1.15), (11.75, 2.75), (11.4, 3.05), (4.4, 3.05)),
         2.5,

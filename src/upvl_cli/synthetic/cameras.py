@@ -9,7 +9,7 @@ import numpy as np
 from upvl_cli.geometry.camera import rays as camera_rays
 from upvl_cli.synthetic.cast import NOTHING, Caster, RayHits, Rays
 from upvl_cli.synthetic.lidar import TURN_S
-from upvl_cli.synthetic.surface import Material
+from upvl_cli.synthetic.surface import Finish
 from upvl_cli.synthetic.textures import TEXTURES, brightness
 from upvl_cli.synthetic.weather import Weather
 from upvl_cli.types import Array, Camera, Floats, Ints
@@ -172,7 +172,7 @@ def _light(caster: Caster, rays: Rays, hits: RayHits, weather: Weather) -> Array
 
 
 @lru_cache(maxsize=4)
-def _palette(surfaces: tuple[Material, ...]) -> tuple[Array, Ints, Array]:
+def _palette(surfaces: tuple[Finish, ...]) -> tuple[Array, Ints, Array]:
     """Colour, place of the texture in `TEXTURES` and gloss of each surface; the last one is nothing."""
     names = list(TEXTURES)
     rgb = np.array([*(surface.rgb for surface in surfaces), (0, 0, 0)], dtype=np.float32)

@@ -17,14 +17,14 @@ from upvl_cli.synthetic.surface import (
     PLATE,
     STEEL,
     TAILLIGHT,
-    Material,
+    Finish,
     Rgb,
     paint,
 )
 
-BLUE_LIGHT = Material((24, 84, 236), 0.6, gloss=0.3)
-RED_LIGHT = Material((226, 24, 30), 0.7, gloss=0.3)
-AMBER_LIGHT = Material((250, 160, 20), 0.7, gloss=0.3)
+BLUE_LIGHT = Finish((24, 84, 236), 0.6, gloss=0.3)
+RED_LIGHT = Finish((226, 24, 30), 0.7, gloss=0.3)
+AMBER_LIGHT = Finish((250, 160, 20), 0.7, gloss=0.3)
 WHITE: Rgb = (238, 238, 236)
 PAINTS: tuple[Rgb, ...] = (
     WHITE,
@@ -142,7 +142,7 @@ def tail(form: Form) -> list[Mesh]:
     ]
 
 
-def mirrors(x_m: float, y_m: float, z_m: float, surface: Material) -> Mesh:
+def mirrors(x_m: float, y_m: float, z_m: float, surface: Finish) -> Mesh:
     """Mirrors on both sides of a body whose side is so far out."""
     return both((x_m - 0.06, x_m + 0.08), (y_m - 0.05, y_m + 0.17), (z_m, z_m + 0.14), surface)
 
@@ -156,7 +156,7 @@ def rolling(form: Form) -> list[Mesh]:
     ]
 
 
-def car(form: Form, lacquer: Material) -> list[Mesh]:
+def car(form: Form, lacquer: Finish) -> list[Mesh]:
     """Return a car without its tail and anything on its roof."""
     body, cabin, (low, high) = form.body, form.cabin, form.glass_z_m
     sill = min(z for _, z in body.outline_xz_m) + 0.12

@@ -10,7 +10,7 @@ import numpy as np
 from upvl_cli.synthetic.bodywork import block, pick, scaled
 from upvl_cli.synthetic.mesh import Mesh, Triple, ellipsoid, merge, tube
 from upvl_cli.synthetic.model import Part
-from upvl_cli.synthetic.surface import DARK, SKIN, Material, Rgb, cloth
+from upvl_cli.synthetic.surface import DARK, SKIN, Finish, Rgb, cloth
 
 _SKINS: tuple[Rgb, ...] = (SKIN.rgb, (232, 192, 166), (172, 122, 90), (124, 84, 60), (84, 58, 44))
 _HAIRS: tuple[Rgb, ...] = ((30, 24, 22), (70, 46, 30), (116, 78, 44), (196, 160, 92), (150, 146, 142))
@@ -29,7 +29,7 @@ TOPS: tuple[Rgb, ...] = (
 _TROUSERS: tuple[Rgb, ...] = ((40, 54, 92), (34, 34, 38), (96, 90, 80), (150, 130, 96), (70, 84, 110))
 
 
-class Look(NamedTuple):
+class Appearance(NamedTuple):
     """What somebody looks like.
 
     Attributes:
@@ -41,23 +41,23 @@ class Look(NamedTuple):
     height_m: float
     girth: float
     head: float
-    skin: Material
-    hair: Material
-    top: Material
-    trousers: Material
-    shoes: Material
+    skin: Finish
+    hair: Finish
+    top: Finish
+    trousers: Finish
+    shoes: Finish
     long_hair: bool
 
 
-def look(rng: np.random.Generator, *, child: bool = False) -> Look:
+def look(rng: np.random.Generator, *, child: bool = False) -> Appearance:
     """Somebody by chance."""
     height = rng.uniform(1.0, 1.34) if child else rng.uniform(1.56, 1.94)
-    return Look(
+    return Appearance(
         height_m=float(height),
         girth=float(rng.uniform(0.9, 1.2)),
         head=1.28 if child else 1.0,
-        skin=Material(pick(rng, _SKINS), 0.45),
-        hair=Material(pick(rng, _HAIRS[:-1] if child else _HAIRS), 0.25),
+        skin=Finish(pick(rng, _SKINS), 0.45),
+        hair=Finish(pick(rng, _HAIRS[:-1] if child else _HAIRS), 0.25),
         top=cloth(pick(rng, TOPS)),
         trousers=cloth(pick(rng, _TROUSERS)),
         shoes=pick(rng, (DARK, cloth((230, 230, 226)), cloth((110, 70, 44)))),
@@ -65,7 +65,7 @@ def look(rng: np.random.Generator, *, child: bool = False) -> Look:
     )
 
 
-def chain(joints_m: Sequence[Triple], radii_m: Sequence[float], surfaces: Sequence[Material]) -> Mesh:
+def chain(joints_m: Sequence[Triple], radii_m: Sequence[float], surfaces: Sequence[Finish]) -> Mesh:
     """Return a limb through several joints, each piece with its own cover."""
     return merge(
         tube(joints_m[n], joints_m[n + 1], radii_m[n], surface, end_radius_m=radii_m[n + 1], sides=7)
@@ -73,7 +73,7 @@ def chain(joints_m: Sequence[Triple], radii_m: Sequence[float], surfaces: Sequen
     )
 
 
-def head(who: Look, neck_m: Triple, helmet: Material | None = None) -> Mesh:
+def head(who: Appearance, neck_m: Triple, helmet: Finish | None = None) -> Mesh:
     """Neck, head, and hair or a helmet; looks forward."""
     x, y, z = neck_m
     size = 0.13 * who.height_m * who.head
@@ -95,7 +95,7 @@ def head(who: Look, neck_m: Triple, helmet: Material | None = None) -> Mesh:
     return merge(parts)
 
 
-def torso(who: Look, hip_m: Triple, neck_m: Triple, cover: Material | None = None) -> Mesh:
+def torso(who: Appearance, hip_m: Triple, neck_m: Triple, cover: Finish | None = None) -> Mesh:
     """Return the trunk, wider than deep, from the hips to the neck."""
     size, across = who.height_m * who.girth, 1.55
     (x, y, z), (x1, _, z1) = hip_m, neck_m
@@ -113,7 +113,7 @@ def torso(who: Look, hip_m: Triple, neck_m: Triple, cover: Material | None = Non
     return scaled(merge([body, seat]), (1.0, across, 1.0))
 
 
-def shoe(who: Look, ankle_m: Triple) -> Mesh:
+def shoe(who: Appearance, ankle_m: Triple) -> Mesh:
     """Return a shoe below an ankle."""
     x, y, z = ankle_m
     size = 0.145 * who.height_m
@@ -124,14 +124,14 @@ def shoe(who: Look, ankle_m: Triple) -> Mesh:
 
 
 def walker(
-    who: Look,
+    who: Appearance,
     *,
     stride: float = 0.42,
     arms: bool = True,
     sleeves: bool = True,
     shorts: bool = False,
     x_m: float = 0.0,
-    bag: Material | None = None,
+    bag: Finish | None = None,
 ) -> list[Part | Mesh]:
     """Somebody upright, whose legs and arms swing.
 
@@ -162,7 +162,13 @@ def walker(
 
 
 def _arm(
-    who: Look, way: int, x_m: float, swing_rad: float, phase_rad: float, sleeves: bool, bag: Material | None
+    who: Appearance,
+    way: int,
+    x_m: float,
+    swing_rad: float,
+    phase_rad: float,
+    sleeves: bool,
+    bag: Finish | None,
 ) -> Part:
     tall, thick = who.height_m, who.height_m * who.girth
     y, out = way * 0.118 * thick, way * 0.13 * thick
@@ -183,7 +189,7 @@ def _arm(
     return Part(merge(parts), swing_rad, joints[0], phase_rad)
 
 
-def reach(who: Look, x_m: float, shoulder_z_m: float, hand_m: Triple) -> Mesh:
+def reach(who: Appearance, x_m: float, shoulder_z_m: float, hand_m: Triple) -> Mesh:
     """Both arms, from the shoulders to something held; the place is that of the left hand."""
     thick = who.height_m * who.girth
     parts = []
@@ -197,7 +203,7 @@ def reach(who: Look, x_m: float, shoulder_z_m: float, hand_m: Triple) -> Mesh:
     return merge(parts)
 
 
-def seated_leg(who: Look, hip_m: Triple, knee_m: Triple, ankle_m: Triple) -> Mesh:
+def seated_leg(who: Appearance, hip_m: Triple, knee_m: Triple, ankle_m: Triple) -> Mesh:
     """Return a bent leg with its shoe."""
     thick = who.height_m * who.girth
     radii = (0.05 * thick, 0.04 * thick, 0.028 * thick)

@@ -10,14 +10,14 @@ from upvl_cli.synthetic.bodywork import Shell, block, both, pick, rectangle, var
 from upvl_cli.synthetic.cars import AMBER_LIGHT
 from upvl_cli.synthetic.mesh import Mesh, Pair, ellipsoid, merge, prism, tube
 from upvl_cli.synthetic.model import ObjectModel
-from upvl_cli.synthetic.surface import DARK, GLASS, RUBBER, STEEL, Material, Rgb, paint
+from upvl_cli.synthetic.surface import DARK, GLASS, RUBBER, STEEL, Finish, Rgb, paint
 
-_ORANGE = Material((244, 92, 20), 0.5)
-_WHITE_FOIL = Material((242, 242, 240), 0.95, 0.0)
-_RED_FOIL = Material((206, 22, 30), 0.85, 0.0)
-_BLUE_FOIL = Material((24, 74, 176), 0.8, 0.0)
-_CAST_IRON = Material((52, 56, 60), 0.25)
-_SLATS = Material((138, 96, 58), 0.35)
+_ORANGE = Finish((244, 92, 20), 0.5)
+_WHITE_FOIL = Finish((242, 242, 240), 0.95, 0.0)
+_RED_FOIL = Finish((206, 22, 30), 0.85, 0.0)
+_BLUE_FOIL = Finish((24, 74, 176), 0.8, 0.0)
+_CAST_IRON = Finish((52, 56, 60), 0.25)
+_SLATS = Finish((138, 96, 58), 0.35)
 
 
 def traffic_cone(rng: np.random.Generator) -> ObjectModel:
@@ -89,7 +89,7 @@ def wheelie_bin(rng: np.random.Generator) -> ObjectModel:
 def bench(rng: np.random.Generator) -> ObjectModel:
     """Return a bench of wooden slats on iron feet, with a back or without."""
     width = float(rng.uniform(1.4, 2.0)) / 2
-    slat = pick(rng, (_SLATS, _SLATS, Material((96, 70, 48), 0.3), paint((40, 92, 60))))
+    slat = pick(rng, (_SLATS, _SLATS, Finish((96, 70, 48), 0.3), paint((40, 92, 60))))
     parts = [block((x, x + 0.1), (-width, width), (0.42, 0.46), slat) for x in (-0.22, -0.1, 0.02, 0.14)]
     foot = width - 0.18
     parts.append(both((-0.2, 0.22), (foot - 0.03, foot + 0.03), (0.36, 0.415), _CAST_IRON))
@@ -160,7 +160,7 @@ def post_box(rng: np.random.Generator) -> ObjectModel:
 def bollard(rng: np.random.Generator) -> ObjectModel:
     """Return a short post that keeps cars away."""
     height = float(rng.uniform(0.8, 1.05))
-    lacquer: Material = pick(rng, (_CAST_IRON, STEEL, paint((40, 44, 48)), paint((240, 190, 30))))
+    lacquer: Finish = pick(rng, (_CAST_IRON, STEEL, paint((40, 44, 48)), paint((240, 190, 30))))
     wide = float(rng.uniform(0.055, 0.09))
     parts = [
         tube((0, 0, 0), (0, 0, height), wide, lacquer, sides=12),
@@ -174,7 +174,7 @@ def bollard(rng: np.random.Generator) -> ObjectModel:
 
 def advertising_column(rng: np.random.Generator) -> ObjectModel:
     """Return a thick round pillar with posters."""
-    grey, cap = Material((190, 186, 176), 0.4), paint(pick(rng, ((44, 78, 62), (60, 62, 66))))
+    grey, cap = Finish((190, 186, 176), 0.4), paint(pick(rng, ((44, 78, 62), (60, 62, 66))))
     parts = [
         tube((0, 0, 0), (0, 0, 0.35), 0.68, grey, sides=20),
         tube((0, 0, 0.3), (0, 0, 2.9), 0.6, grey, sides=20),
@@ -201,7 +201,7 @@ def _pole(height_m: float) -> Mesh:
     return tube((-0.045, 0, 0), (-0.045, 0, height_m), 0.035, STEEL, sides=8)
 
 
-def _disc(size_m: float, z_m: float, x_m: Pair, foil: Material, sides: int = 20) -> Mesh:
+def _disc(size_m: float, z_m: float, x_m: Pair, foil: Finish, sides: int = 20) -> Mesh:
     """Return a flat plate that looks forward; with eight sides it stands on one of them."""
     plate = tube((x_m[0], 0, 0), (x_m[1], 0, 0), size_m, foil, sides=sides)
     cos, sin = np.cos(np.pi / sides), np.sin(np.pi / sides)
@@ -243,7 +243,7 @@ def traffic_sign(rng: np.random.Generator) -> ObjectModel:
     """Return a round, three-cornered or square sign on a pole: a limit, no entry, give way, a warning, a crossing."""
     height = float(rng.uniform(2.0, 2.5))
     form = int(rng.integers(6))
-    ink = Material((26, 26, 30), 0.1)
+    ink = Finish((26, 26, 30), 0.1)
     parts = [_pole(height + 0.25)]
     if form < 3:
         parts.append(_disc(0.3, height, (-0.018, -0.006), STEEL))
@@ -274,7 +274,7 @@ def traffic_sign(rng: np.random.Generator) -> ObjectModel:
     return varied(rng, parts, 0.03)
 
 
-def _triangle(size_m: float, z_m: float, x_m: Pair, foil: Material, turn_rad: float) -> Mesh:
+def _triangle(size_m: float, z_m: float, x_m: Pair, foil: Finish, turn_rad: float) -> Mesh:
     """Return a plate of three corners, one of them on top."""
     angle = turn_rad + np.pi / 2 + np.arange(3) * 2 * np.pi / 3
     outline = [(size_m * float(np.cos(a)), z_m + size_m * float(np.sin(a))) for a in angle]
@@ -282,7 +282,7 @@ def _triangle(size_m: float, z_m: float, x_m: Pair, foil: Material, turn_rad: fl
     return plate.moved(((x_m[0] + x_m[1]) / 2, 0.0, 0.0), np.pi / 2)
 
 
-def _number(z_m: float, ink: Material) -> list[Mesh]:
+def _number(z_m: float, ink: Finish) -> list[Mesh]:
     """Return a 30 or so."""
     zero = ((0, 1, 0, 0.2), (0, 1, 0.8, 1), (0, 0.25, 0.1, 0.9), (0.75, 1, 0.1, 0.9))
     three = ((0, 1, 0, 0.2), (0.2, 1, 0.4, 0.6), (0, 1, 0.8, 1), (0.75, 1, 0.1, 0.9))
@@ -305,7 +305,7 @@ def traffic_light(rng: np.random.Generator) -> ObjectModel:
         z = height + 0.78 - 0.3 * n
         red, green, blue = shine[n]
         rgb: Rgb = shine[n] if n == lit else (red // 4, green // 4, blue // 4)
-        parts.append(tube((0.1, 0, z), (0.165, 0, z), 0.11, Material(rgb, 0.5), sides=12))
+        parts.append(tube((0.1, 0, z), (0.165, 0, z), 0.11, Finish(rgb, 0.5), sides=12))
         parts.append(block((0.14, 0.3), (-0.12, 0.12), (z + 0.115, z + 0.13), case))
     if rng.random() < 0.5:
         parts.append(block((-0.06, 0.08), (-0.12, 0.12), (1.0, 1.18), paint((240, 190, 30))))
@@ -315,7 +315,7 @@ def traffic_light(rng: np.random.Generator) -> ObjectModel:
 
 def rubbish_bags(rng: np.random.Generator) -> ObjectModel:
     """Sacks of rubbish in a heap."""
-    sack = Material(pick(rng, ((30, 30, 34), (30, 30, 34), (50, 100, 60))), 0.15, gloss=0.2)
+    sack = Finish(pick(rng, ((30, 30, 34), (30, 30, 34), (50, 100, 60))), 0.15, gloss=0.2)
     parts = []
     for _ in range(int(rng.integers(3, 7))):
         x, y = (float(v) for v in rng.uniform(-0.45, 0.45, 2))

@@ -11,12 +11,22 @@ from upvl_cli.synthetic.ground import near, spot
 from upvl_cli.synthetic.mesh import Mesh, Triple
 from upvl_cli.synthetic.piece import Piece
 from upvl_cli.synthetic.road import Road
-from upvl_cli.synthetic.surface import BARK, BRICK, CONCRETE, LEAVES, PLASTER, STEEL, WOOD, Material, Rgb
+from upvl_cli.synthetic.surface import (
+    BARK,
+    BRICK,
+    CONCRETE,
+    LEAVES,
+    PLASTER,
+    STEEL,
+    WOOD,
+    Finish,
+    Rgb,
+)
 from upvl_cli.types import Array
 
 _PANEL_M = 2.4  # length of one panel of a wall or a fence
 _HEDGE_STEP_M = 0.8
-_FENCES: tuple[Material, ...] = (
+_FENCES: tuple[Finish, ...] = (
     WOOD,
     WOOD._replace(rgb=(104, 84, 62)),
     WOOD._replace(rgb=(222, 220, 210), reflectance=0.6),
@@ -30,7 +40,7 @@ _BLOCK = np.array(
 )
 
 
-def tinted(surface: Material, rng: np.random.Generator, spread: int) -> Material:
+def tinted(surface: Finish, rng: np.random.Generator, spread: int) -> Finish:
     """Return the same material in a colour that differs by chance, most of all in brightness."""
     shift = int(rng.integers(-spread, spread + 1)) + rng.integers(-4, 5, 3)
     red, green, blue = (int(v) for v in np.clip(np.array(surface.rgb) + shift, 8, 247))
@@ -92,7 +102,7 @@ def _bush(rng: np.random.Generator) -> Mesh:
     return _rough(mesh.ellipsoid((width, width, height), (0.0, 0.0, height * 0.42), leaves), rng)
 
 
-def blocks(low_m: Array, high_m: Array, surface: Material) -> Mesh:
+def blocks(low_m: Array, high_m: Array, surface: Finish) -> Mesh:
     """Blocks along the axes between (n, 3) lowest and highest corners."""
     bits = (np.arange(8)[:, None] >> np.arange(3)) & 1
     corners = np.where(bits[None], np.asarray(high_m)[:, None], np.asarray(low_m)[:, None])
@@ -107,7 +117,7 @@ def _rough(part: Mesh, rng: np.random.Generator) -> Mesh:
     return replace(part, corner_m=middle + (part.corner_m - middle) * factor)
 
 
-def _leafy(rng: np.random.Generator, leaves: Material, fine: bool, *, clear_m: float, slim: bool) -> Mesh:
+def _leafy(rng: np.random.Generator, leaves: Finish, fine: bool, *, clear_m: float, slim: bool) -> Mesh:
     """Trunk, branches and a crown of several balls, which starts at least so high."""
     wide = rng.uniform(1.0, 1.3) if slim else rng.uniform(1.6, 2.1)
     tall = rng.uniform(5.0, 8.0) if slim else rng.uniform(4.0, 6.2)
@@ -137,7 +147,7 @@ def _leafy(rng: np.random.Generator, leaves: Material, fine: bool, *, clear_m: f
     return mesh.merge(parts)
 
 
-def _conifer(rng: np.random.Generator, leaves: Material, fine: bool) -> Mesh:
+def _conifer(rng: np.random.Generator, leaves: Finish, fine: bool) -> Mesh:
     tall, wide = rng.uniform(6.0, 11.0), rng.uniform(1.4, 2.2)
     parts = [mesh.tube((0.0, 0.0, -0.3), (0.0, 0.0, 1.6), 0.17, BARK, sides=8)]
     count = 5 if fine else 2

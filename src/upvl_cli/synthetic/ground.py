@@ -8,7 +8,7 @@ from upvl_cli.synthetic import mesh
 from upvl_cli.synthetic.mesh import Mesh, Triple
 from upvl_cli.synthetic.piece import Piece
 from upvl_cli.synthetic.road import KERB_RUN_M, LANE_M, SIDE_HALF_M, Road
-from upvl_cli.synthetic.surface import ASPHALT, GRASS, KERB, MARKING, PAVEMENT, Material
+from upvl_cli.synthetic.surface import ASPHALT, GRASS, KERB, MARKING, PAVEMENT, Finish
 from upvl_cli.types import Array, Floats, Ints
 
 START_M, END_M = -165.0, 265.0  # s of the first and the last place with ground
@@ -23,7 +23,7 @@ _PAINT_M = 0.008  # height of paint above the roadway
 _LINE_M = 0.14
 _BAR_M = 0.5
 # From the middle of a street outwards; the numbers are places in this tuple.
-_ZONES: tuple[tuple[str, Material], ...] = (
+_ZONES: tuple[tuple[str, Finish], ...] = (
     ("road", ASPHALT),
     ("kerb", KERB),
     ("pavement", PAVEMENT),

@@ -11,7 +11,7 @@ from functools import cache
 
 import numpy as np
 
-from upvl_cli.synthetic.surface import Material
+from upvl_cli.synthetic.surface import Finish
 from upvl_cli.types import Array, Floats, Ints
 
 Triple = tuple[float, float, float]
@@ -32,7 +32,7 @@ class Mesh:
     corner_m: Floats
     face: Ints
     surface: Ints
-    surfaces: tuple[Material, ...]
+    surfaces: tuple[Finish, ...]
 
     def moved(self, shift_m: Triple, yaw_rad: float = 0.0) -> Mesh:
         """Return the same, turned about the vertical and then moved."""
@@ -48,14 +48,14 @@ class Mesh:
         return Mesh((self.corner_m - pivot) @ turn.T + pivot, self.face, self.surface, self.surfaces)
 
 
-def of(corner_m: Array, face: Array, surface: Material) -> Mesh:
+def of(corner_m: Array, face: Array, surface: Finish) -> Mesh:
     """Return a mesh of one surface."""
     faces = np.asarray(face, dtype=np.int64).reshape(-1, 3)
     return Mesh(np.asarray(corner_m, np.float64), faces, np.zeros(len(faces), np.int64), (surface,))
 
 
 def merge(meshes: Iterable[Mesh]) -> Mesh:
-    """Return several meshes as one."""
+    """Several meshes as one."""
     parts = list(meshes)
     surfaces = list(dict.fromkeys(surface for part in parts for surface in part.surfaces))
     number = {surface: place for place, surface in enumerate(surfaces)}
@@ -78,7 +78,7 @@ def merge(meshes: Iterable[Mesh]) -> Mesh:
     )
 
 
-def box(size_lwh_m: Triple, centre_m: Triple, surface: Material, yaw_rad: float = 0.0) -> Mesh:
+def box(size_lwh_m: Triple, centre_m: Triple, surface: Finish, yaw_rad: float = 0.0) -> Mesh:
     """Return a block."""
     length, width, height = size_lwh_m
     return prism(
@@ -93,7 +93,7 @@ def box(size_lwh_m: Triple, centre_m: Triple, surface: Material, yaw_rad: float 
     ).moved(centre_m, yaw_rad)
 
 
-def prism(outline_xz_m: Sequence[Pair], width_m: float, surface: Material, inset_m: float = 0.0) -> Mesh:
+def prism(outline_xz_m: Sequence[Pair], width_m: float, surface: Finish, inset_m: float = 0.0) -> Mesh:
     """Return a side view drawn out across, symmetrical to the left and right.
 
     Args:
@@ -132,7 +132,7 @@ def tube(
     start_m: Triple,
     end_m: Triple,
     radius_m: float,
-    surface: Material,
+    surface: Finish,
     *,
     end_radius_m: float | None = None,
     sides: int = 10,
@@ -174,7 +174,7 @@ def _tube_faces(sides: int) -> Ints:
     )
 
 
-def ellipsoid(size_m: Triple, centre_m: Triple, surface: Material, *, sides: int = 10) -> Mesh:
+def ellipsoid(size_m: Triple, centre_m: Triple, surface: Finish, *, sides: int = 10) -> Mesh:
     """Return a ball, or what is left of one that was pressed."""
     corners, faces = _ball(sides)
     return of(corners * np.array(size_m) / 2 + np.array(centre_m), faces, surface)
@@ -209,7 +209,7 @@ def _ball(sides: int) -> tuple[Floats, Ints]:
     return np.concatenate([ring, [[0, 0, 1], [0, 0, -1]]]), np.concatenate(faces)
 
 
-def sheet(corner_m: Array, surface: Material) -> Mesh:
+def sheet(corner_m: Array, surface: Finish) -> Mesh:
     """Return a grid of (n, m, 3) places as a surface; its front is where rows x columns point."""
     rows, columns = np.asarray(corner_m).shape[:2]
     number = np.arange(rows * columns).reshape(rows, columns)

@@ -5,27 +5,27 @@ from __future__ import annotations
 import numpy as np
 
 from upvl_cli.synthetic.bodywork import block, both, pick, ring, spokes, varied
-from upvl_cli.synthetic.figure import TOPS, Look, head, look, reach, seated_leg, torso, walker
+from upvl_cli.synthetic.figure import TOPS, Appearance, head, look, reach, seated_leg, torso, walker
 from upvl_cli.synthetic.mesh import Mesh, ellipsoid, merge, prism, tube
 from upvl_cli.synthetic.model import ObjectModel, Part
-from upvl_cli.synthetic.surface import CHROME, DARK, RUBBER, STEEL, Material, cloth
+from upvl_cli.synthetic.surface import CHROME, DARK, RUBBER, STEEL, Finish, cloth
 
 
-def _backpack(who: Look, colour: Material) -> Mesh:
+def _backpack(who: Appearance, colour: Finish) -> Mesh:
     tall = who.height_m
     return block(
         (-0.17 * tall, -0.06 * tall), (-0.085 * tall, 0.085 * tall), (0.57 * tall, 0.79 * tall), colour
     )
 
 
-def _skirt(who: Look, low: float) -> Mesh:
+def _skirt(who: Appearance, low: float) -> Mesh:
     tall, thick = who.height_m, who.height_m * who.girth
     return tube(
         (0, 0, low * tall), (0, 0, 0.56 * tall), 0.16 * thick, cloth(who.top.rgb), end_radius_m=0.08 * thick
     )
 
 
-def _hat(who: Look, colour: Material) -> Mesh:
+def _hat(who: Appearance, colour: Finish) -> Mesh:
     tall = who.height_m
     size = 0.13 * tall * who.head
     top = 0.863 * tall + size
@@ -85,7 +85,7 @@ def person_with_umbrella(rng: np.random.Generator) -> ObjectModel:
 
 
 def _wheel(
-    x: float, y: float, radius: float, rim: Material = STEEL, thick: float = 0.035, pieces: int = 12
+    x: float, y: float, radius: float, rim: Finish = STEEL, thick: float = 0.035, pieces: int = 12
 ) -> Mesh:
     centre = (x, y, radius)
     hub = tube((x, y - 0.03, radius), (x, y + 0.03, radius), 0.03, rim, sides=6)
@@ -145,8 +145,8 @@ _COATS = ((60, 44, 34), (30, 28, 28), (196, 154, 96), (226, 218, 204), (140, 92,
 def dog(rng: np.random.Generator) -> ObjectModel:
     """Return a dog, with legs that swing."""
     size = float(rng.uniform(0.6, 1.1))
-    coat = Material(pick(rng, _COATS), 0.35, depth_m=0.01, texture="cloth")
-    patch = Material(pick(rng, _COATS), 0.35, texture="cloth")
+    coat = Finish(pick(rng, _COATS), 0.35, depth_m=0.01, texture="cloth")
+    patch = Finish(pick(rng, _COATS), 0.35, texture="cloth")
     stout, shank = size * float(rng.uniform(0.85, 1.25)), 0.3 * size * float(rng.uniform(0.8, 1.1))
     back = shank + 0.17 * size
     parts: list[Part | Mesh] = [

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from upvl_cli.synthetic.bodywork import block, both, pick, ring, spokes, varied
-from upvl_cli.synthetic.figure import TOPS, Look, head, look, reach, seated_leg, torso
+from upvl_cli.synthetic.figure import TOPS, Appearance, head, look, reach, seated_leg, torso
 from upvl_cli.synthetic.mesh import Mesh, Triple, ellipsoid, prism, tube
 from upvl_cli.synthetic.model import ObjectModel, Part
 from upvl_cli.synthetic.surface import (
@@ -16,7 +16,7 @@ from upvl_cli.synthetic.surface import (
     RUBBER,
     STEEL,
     TAILLIGHT,
-    Material,
+    Finish,
     cloth,
     paint,
 )
@@ -24,11 +24,11 @@ from upvl_cli.synthetic.surface import (
 _HELMETS = ((236, 236, 232), (30, 30, 34), (200, 30, 36), (36, 90, 190), (240, 210, 40))
 
 
-def _bar(start: Triple, end: Triple, radius: float, surface: Material) -> Mesh:
+def _bar(start: Triple, end: Triple, radius: float, surface: Finish) -> Mesh:
     return tube(start, end, radius, surface, sides=5)
 
 
-def _bicycle(frame: Material) -> list[Mesh]:
+def _bicycle(frame: Finish) -> list[Mesh]:
     rear, front, crank = (-0.52, 0.0, 0.34), (0.54, 0.0, 0.34), (-0.06, 0.0, 0.28)
     seat, steer = (-0.22, 0.0, 0.86), (0.36, 0.0, 0.86)
     parts = [ring((x, 0.0, 0.34), 0.34, 0.04, RUBBER, 18) for x in (rear[0], front[0])]
@@ -52,7 +52,7 @@ def _bicycle(frame: Material) -> list[Mesh]:
 
 
 def _sitting(
-    who: Look, hip: Triple, neck: Triple, hand: Triple, helmet: Material | None
+    who: Appearance, hip: Triple, neck: Triple, hand: Triple, helmet: Finish | None
 ) -> list[Part | Mesh]:
     """Return the upper body of somebody who holds a handlebar."""
     share = 0.88
@@ -86,7 +86,7 @@ def cyclist(rng: np.random.Generator) -> ObjectModel:
     return varied(rng, parts, 0.02)
 
 
-def _motorcycle(lacquer: Material) -> list[Mesh]:
+def _motorcycle(lacquer: Finish) -> list[Mesh]:
     parts = []
     for x, half in ((-0.68, 0.08), (0.72, 0.055)):
         parts.append(tube((x, -half, 0.31), (x, half, 0.31), 0.31, RUBBER, sides=16))

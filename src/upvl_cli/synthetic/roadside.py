@@ -13,7 +13,7 @@ from upvl_cli.synthetic.ground import END_M, REACH_M, START_M, near, spot
 from upvl_cli.synthetic.mesh import Mesh
 from upvl_cli.synthetic.piece import Piece
 from upvl_cli.synthetic.road import SIDE_HALF_M, Road
-from upvl_cli.synthetic.surface import CONCRETE, DARK, GLASS, STEEL, WOOD, Material, Rgb
+from upvl_cli.synthetic.surface import CONCRETE, DARK, GLASS, STEEL, WOOD, Finish, Rgb
 
 _MIDDLE_M = 0.6  # behind the kerb
 _LIGHT_M = 28.0  # between the street lights of one side
@@ -77,12 +77,12 @@ def _put(road: Road, side: int, s_m: float, behind_m: float, piece: Piece) -> Pi
     return Piece(piece.name, piece.mesh.moved(place, yaw))
 
 
-def _post(height_m: float, radius_m: float, surface: Material, top_m: float | None = None) -> Mesh:
+def _post(height_m: float, radius_m: float, surface: Finish, top_m: float | None = None) -> Mesh:
     return mesh.tube((0.0, 0.0, -0.3), (0.0, 0.0, height_m), radius_m, surface, end_radius_m=top_m)
 
 
 def _street_light() -> Mesh:
-    lamp = Material((226, 224, 206), 0.5)
+    lamp = Finish((226, 224, 206), 0.5)
     return mesh.merge(
         [
             _post(1.0, 0.11, _BACK),
@@ -109,8 +109,8 @@ def _pole(rng: np.random.Generator) -> Mesh:
     return mesh.merge([_post(0.95, 0.08, dark), top])
 
 
-def _face(rgb: Rgb) -> Material:
-    return Material(rgb, 0.9, 0.0)
+def _face(rgb: Rgb) -> Finish:
+    return Finish(rgb, 0.9, 0.0)
 
 
 def _sign(rng: np.random.Generator) -> Mesh:
@@ -205,7 +205,7 @@ def _lights(lit: Rgb) -> Mesh:
         red, green, blue = rgb
         shown: Rgb = rgb if rgb == lit else (red // 3, green // 3, blue // 3)
         parts.append(
-            mesh.tube((-0.25, 0.0, height), (-0.275, 0.0, height), 0.11, Material(shown, 0.3), sides=12)
+            mesh.tube((-0.25, 0.0, height), (-0.275, 0.0, height), 0.11, Finish(shown, 0.3), sides=12)
         )
         hood = mesh.box((0.16, 0.26, 0.02), (-0.33, 0.0, height + 0.125), DARK)
         parts.append(hood)

@@ -12,7 +12,7 @@ from upvl_cli.synthetic.kind import Kind
 from upvl_cli.synthetic.model import ObjectModel
 from upvl_cli.synthetic.motion import Motion
 from upvl_cli.synthetic.piece import STUFF, Piece
-from upvl_cli.synthetic.surface import Material
+from upvl_cli.synthetic.surface import Finish
 from upvl_cli.types import Ints
 
 STUFF_NAMES = tuple(STUFF)
@@ -48,7 +48,7 @@ class CityScene:
     ego: Motion
 
     @cached_property
-    def surfaces(self) -> tuple[Material, ...]:
+    def surfaces(self) -> tuple[Finish, ...]:
         """All materials, each once."""
         meshes = [piece.mesh for piece in self.pieces]
         meshes += [part.mesh for thing in self.things for part in thing.model.parts]

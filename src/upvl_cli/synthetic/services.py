@@ -8,10 +8,10 @@ from upvl_cli.synthetic.bodywork import Shell, arches, block, both, pick, rectan
 from upvl_cli.synthetic.cars import BLUE_LIGHT, RED_LIGHT, SEDAN, SUV, WHITE, car, mirrors, tail
 from upvl_cli.synthetic.mesh import Mesh
 from upvl_cli.synthetic.model import ObjectModel
-from upvl_cli.synthetic.surface import DARK, GLASS, HEADLIGHT, PLATE, TAILLIGHT, Material, paint
+from upvl_cli.synthetic.surface import DARK, GLASS, HEADLIGHT, PLATE, TAILLIGHT, Finish, paint
 
 
-def _light_bar(x_m: float, top_m: float, half_m: float, right: Material, left: Material) -> list[Mesh]:
+def _light_bar(x_m: float, top_m: float, half_m: float, right: Finish, left: Finish) -> list[Mesh]:
     return [
         block((x_m - 0.12, x_m + 0.12), (-half_m, half_m), (top_m - 0.03, top_m + 0.05), DARK),
         block((x_m - 0.15, x_m + 0.15), (-half_m - 0.02, -0.1), (top_m + 0.04, top_m + 0.17), right),
@@ -45,9 +45,7 @@ def taxi(rng: np.random.Generator) -> ObjectModel:
     top = max(z for _, z in form.cabin.outline_xz_m)
     parts = [*car(form, lacquer), *tail(form)]
     parts.append(block((-0.4, -0.12), (-0.3, 0.3), (top - 0.02, top + 0.04), DARK))
-    parts.append(
-        block((-0.35, -0.17), (-0.27, 0.27), (top + 0.03, top + 0.2), Material((250, 226, 120), 0.8))
-    )
+    parts.append(block((-0.35, -0.17), (-0.27, 0.27), (top + 0.03, top + 0.2), Finish((250, 226, 120), 0.8)))
     chequer = DARK if lacquer.rgb[0] > 100 else paint(WHITE)
     z = form.glass_z_m[0] - 0.28
     for x in np.arange(-0.85, 0.9, 0.24):

@@ -7,7 +7,7 @@ from typing import NamedTuple
 Rgb = tuple[int, int, int]
 
 
-class Material(NamedTuple):
+class Finish(NamedTuple):
     """A material.
 
     Attributes:
@@ -27,35 +27,35 @@ class Material(NamedTuple):
     gloss: float = 0.0
 
 
-def paint(rgb: Rgb) -> Material:
+def paint(rgb: Rgb) -> Finish:
     """Return the lacquer of a vehicle; dark colours hardly answer a LiDAR."""
     brightness = sum(rgb) / (3 * 255)
-    return Material(rgb, 0.08 + 0.55 * brightness, 0.12 - 0.1 * brightness, gloss=0.25)
+    return Finish(rgb, 0.08 + 0.55 * brightness, 0.12 - 0.1 * brightness, gloss=0.25)
 
 
-def cloth(rgb: Rgb) -> Material:
+def cloth(rgb: Rgb) -> Finish:
     """Return what people wear."""
-    return Material(rgb, 0.2 + 0.4 * sum(rgb) / (3 * 255), texture="cloth")
+    return Finish(rgb, 0.2 + 0.4 * sum(rgb) / (3 * 255), texture="cloth")
 
 
-GLASS = Material((58, 70, 82), 0.15, 0.45, gloss=0.6)
-RUBBER = Material((34, 34, 36), 0.06, 0.15)
-STEEL = Material((128, 132, 136), 0.45, gloss=0.2)
-CHROME = Material((190, 194, 198), 0.6, gloss=0.6)
-DARK = Material((40, 42, 46), 0.1, 0.1)
-SKIN = Material((206, 162, 134), 0.45)
-HEADLIGHT = Material((244, 240, 220), 0.9, gloss=0.3)
-TAILLIGHT = Material((176, 24, 28), 0.8)
-PLATE = Material((236, 236, 230), 0.95, 0.0)
-ASPHALT = Material((92, 92, 96), 0.12, 0.04, texture="asphalt")
-MARKING = Material((222, 222, 216), 0.75, texture="worn")
-KERB = Material((168, 166, 160), 0.3, texture="concrete")
-PAVEMENT = Material((150, 146, 140), 0.25, texture="slabs")
-GRASS = Material((98, 132, 66), 0.35, 0.03, 0.03, texture="grass")
-BRICK = Material((152, 92, 74), 0.35, texture="bricks")
-PLASTER = Material((208, 196, 168), 0.5, texture="plaster")
-CONCRETE = Material((160, 160, 154), 0.3, texture="concrete")
-WOOD = Material((138, 104, 70), 0.35, texture="planks")
-TILES = Material((142, 74, 56), 0.3, texture="tiles")
-BARK = Material((92, 72, 54), 0.25, texture="bark")
-LEAVES = Material((58, 104, 44), 0.4, 0.08, 0.35, texture="leaves")
+GLASS = Finish((58, 70, 82), 0.15, 0.45, gloss=0.6)
+RUBBER = Finish((34, 34, 36), 0.06, 0.15)
+STEEL = Finish((128, 132, 136), 0.45, gloss=0.2)
+CHROME = Finish((190, 194, 198), 0.6, gloss=0.6)
+DARK = Finish((40, 42, 46), 0.1, 0.1)
+SKIN = Finish((206, 162, 134), 0.45)
+HEADLIGHT = Finish((244, 240, 220), 0.9, gloss=0.3)
+TAILLIGHT = Finish((176, 24, 28), 0.8)
+PLATE = Finish((236, 236, 230), 0.95, 0.0)
+ASPHALT = Finish((92, 92, 96), 0.12, 0.04, texture="asphalt")
+MARKING = Finish((222, 222, 216), 0.75, texture="worn")
+KERB = Finish((168, 166, 160), 0.3, texture="concrete")
+PAVEMENT = Finish((150, 146, 140), 0.25, texture="slabs")
+GRASS = Finish((98, 132, 66), 0.35, 0.03, 0.03, texture="grass")
+BRICK = Finish((152, 92, 74), 0.35, texture="bricks")
+PLASTER = Finish((208, 196, 168), 0.5, texture="plaster")
+CONCRETE = Finish((160, 160, 154), 0.3, texture="concrete")
+WOOD = Finish((138, 104, 70), 0.35, texture="planks")
+TILES = Finish((142, 74, 56), 0.3, texture="tiles")
+BARK = Finish((92, 72, 54), 0.25, texture="bark")
+LEAVES = Finish((58, 104, 44), 0.4, 0.08, 0.35, texture="leaves")

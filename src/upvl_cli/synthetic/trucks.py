@@ -18,7 +18,7 @@ from upvl_cli.synthetic.surface import (
     PLATE,
     STEEL,
     TAILLIGHT,
-    Material,
+    Finish,
     Rgb,
     paint,
 )
@@ -34,14 +34,14 @@ _PAINTS: tuple[Rgb, ...] = (
     (226, 112, 30),
 )
 YELLOW: Rgb = (244, 182, 20)
-SHUTTER = Material((176, 180, 184), 0.6, texture="plain", gloss=0.3)
+SHUTTER = Finish((176, 180, 184), 0.6, texture="plain", gloss=0.3)
 
 
 def cab(
     front_m: float,
     length_m: float,
     z_m: Pair,
-    lacquer: Material,
+    lacquer: Finish,
     axles_m: Sequence[float] = (),
     *,
     width_m: float = 2.45,
@@ -114,7 +114,7 @@ def box_truck(rng: np.random.Generator) -> ObjectModel:
     return varied(rng, parts, 0.06)
 
 
-def _bonneted(lacquer: Material) -> list[Mesh]:
+def _bonneted(lacquer: Finish) -> list[Mesh]:
     """Return a cab behind a bonnet, with upright exhausts."""
     bonnet = Shell(((6.1, 0.7), (8.0, 0.7), (8.1, 0.85), (8.05, 1.7), (7.9, 1.8), (6.1, 1.95)), 1.8, 0.15)
     cab = Shell(((4.3, 0.7), (6.2, 0.7), (6.2, 1.9), (5.95, 2.8), (5.7, 3.0), (4.3, 3.4)), 2.3, 0.12)
@@ -131,7 +131,7 @@ def _bonneted(lacquer: Material) -> list[Mesh]:
     return parts
 
 
-def _trailer(rng: np.random.Generator, lacquer: Material) -> list[Mesh]:
+def _trailer(rng: np.random.Generator, lacquer: Finish) -> list[Mesh]:
     """Return what is pulled: a box, a container or a tank, of one length."""
     form = int(rng.integers(4))
     if form == 0:
@@ -185,7 +185,7 @@ def tipper(rng: np.random.Generator) -> ObjectModel:
     parts.append(Shell(((2.0, 2.4), (3.1, 3.0), (3.1, 3.1), (2.0, 2.7)), 2.4).mesh(skip))
     for x in (-3.0, -2.1, -1.2, -0.3, 0.6, 1.5):
         parts.append(both((x - 0.06, x + 0.06), (1.2, 1.3), (1.2, 2.5), skip))
-    sand = Material(pick(rng, ((190, 160, 110), (120, 114, 106), (88, 66, 48))), 0.35)
+    sand = Finish(pick(rng, ((190, 160, 110), (120, 114, 106), (88, 66, 48))), 0.35)
     heap = ((-3.8, 2.4), (1.9, 2.4), (0.8, 2.8), (-0.8, 3.0), (-2.6, 2.75))
     parts.append(prism(heap, 2.2, sand, 0.8))
     return varied(rng, parts, 0.04)

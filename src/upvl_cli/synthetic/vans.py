@@ -16,7 +16,7 @@ from upvl_cli.synthetic.surface import (
     STEEL,
     TAILLIGHT,
     WOOD,
-    Material,
+    Finish,
     Rgb,
     paint,
 )
@@ -41,7 +41,7 @@ _PICKUP = Form(
 )
 
 
-def _bed(lacquer: Material) -> list[Mesh]:
+def _bed(lacquer: Finish) -> list[Mesh]:
     """Return the open bed of a pickup."""
     bed = Shell(rectangle((-2.68, -0.5), (0.45, 0.72)), 1.87)
     return [
@@ -82,7 +82,7 @@ _VAN = Shell(
 )
 
 
-def _van(lacquer: Material, glazed: bool) -> list[Mesh]:
+def _van(lacquer: Finish, glazed: bool) -> list[Mesh]:
     """Return a van, with windows along the sides or closed."""
     body = _VAN
     form = Form(

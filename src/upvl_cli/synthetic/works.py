@@ -16,7 +16,7 @@ from upvl_cli.synthetic.surface import (
     RUBBER,
     STEEL,
     TAILLIGHT,
-    Material,
+    Finish,
     paint,
 )
 from upvl_cli.synthetic.trucks import SHUTTER, YELLOW, cab, frame, tail
@@ -86,7 +86,7 @@ def tractor(rng: np.random.Generator) -> ObjectModel:
 def crane(rng: np.random.Generator) -> ObjectModel:
     """Return a mobile crane: a long low carrier, and a boom that lies forward."""
     yellow = paint(pick(rng, (YELLOW, YELLOW, (236, 130, 24), (204, 40, 36))))
-    grey = Material((92, 96, 100), 0.3)
+    grey = Finish((92, 96, 100), 0.3)
     carrier = Shell(rectangle((-5.4, 4.2), (0.85, 1.5)), 2.5)
     parts = [carrier.mesh(yellow), *cab(5.9, 1.75, (0.6, 2.3), yellow, width_m=2.5), *tail(-5.4, 1.15, 1.1)]
     parts.append(wheels((-4.2, -2.6, 1.6, 3.2), 1.27, 0.6, 0.42, STEEL, 0.5))
