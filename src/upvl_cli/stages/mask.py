@@ -94,15 +94,12 @@ def run(inputs: Inputs, config: MaskConfig) -> Iterator[MaskRow]:
         ground = grounds[pose.frame]
         above = ~ground.is_ground
         xyz_m = drive.points(pose.frame).xyz_ego_m[above].astype(np.float64)
-        by_shape = config.unseen_policy == "shape_classifier"
-        return SweepBackground(
-            seen_background(pose)[above],
-            is_moving(pose)[above] & config.moving_is_foreground,
-            apply(pose.world_from_ego, xyz_m),
-            compute_shape_features(xyz_m, ground.height_m[above], config.shape_classifier)
-            if by_shape
-            else None,
-        )
+        shape_features = None
+        if config.unseen_policy == "shape_classifier":
+            shape_features = compute_shape_features(xyz_m, ground.height_m[above], config.shape_classifier)
+        is_foreground = is_moving(pose)[above] & config.moving_is_foreground
+        world_xyz_m = apply(pose.world_from_ego, xyz_m)
+        return SweepBackground(seen_background(pose)[above], is_foreground, world_xyz_m, shape_features)
 
     completes = config.unseen_policy in ("shape_classifier", "place_memory")
     sweeps = in_order(sweep_background, poses if completes else ())

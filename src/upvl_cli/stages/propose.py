@@ -28,7 +28,6 @@ def run(inputs: Inputs, config: ProposeConfig) -> Iterator[ProposalRow]:
     from upvl_cli.perception.clustering import NOISE
     from upvl_cli.perception.proposals.persistence import OccupancyHistory
     from upvl_cli.perception.proposals.propose import Proposals, Sweep, propose
-    from upvl_cli.perception.visual.views import SEEN
     from upvl_cli.runtime.parallel import in_order
     from upvl_cli.types import Ragged
 
@@ -37,13 +36,6 @@ def run(inputs: Inputs, config: ProposeConfig) -> Iterator[ProposalRow]:
     flows, grounds = inputs.table("flow", FlowRow), inputs.table("ground", GroundRow)
     masks = inputs.table("mask", MaskRow)
     features, (fitted,) = inputs.table("extract-vl", ExtractVlRow), inputs.table("pca", PcaRow)
-
-    def vl_feature(frame: int) -> Floats:
-        """Return (n, d) strongest components of the features of the points of a frame, 0 where there is none."""
-        row = features[frame]
-        values: Floats = np.zeros((len(row.state), config.clustering.vl_dims), dtype=np.float32)
-        values[row.state == SEEN] = fitted.basis.dequantize(row.feature)[:, : config.clustering.vl_dims]
-        return values
 
     def points_above_ground(pose: OdometryRow) -> Array:
         """Return the points of a frame that stand above the ground, in ego axes."""
@@ -66,7 +58,7 @@ def run(inputs: Inputs, config: ProposeConfig) -> Iterator[ProposalRow]:
             velocity_mps=flow.flow_mps[above].astype(np.float64),
             is_candidate=mask.is_moving[above],
             background=mask.background[above],
-            vl_feature=vl_feature(frame)[above] if config.clustering.use_vl else np.zeros((above.sum(), 0)),
+            vl_feature=_vl_feature(features[frame], fitted, config)[above],
             height_m=ground.height_m[above].astype(np.float64),
             world_from_sweep=poses[step].world_from_ego,
             step=step,
@@ -80,17 +72,29 @@ def run(inputs: Inputs, config: ProposeConfig) -> Iterator[ProposalRow]:
         inputs.count("boxes kept", len(found.boxes))
         for reason, items in found.dropped.items():
             inputs.count(reason, items)
+        points: Ints = np.arange(len(box_of_point), dtype=np.int32)
         yield ProposalRow(
             inputs.segment,
             pose.frame,
             pose.time_ns,
-            found.boxes.center_m,
-            found.boxes.size_lwh_m,
-            found.boxes.heading_rad,
+            *(found.boxes.center_m, found.boxes.size_lwh_m, found.boxes.heading_rad),
             found.velocity_mps,
             found.num_points,
-            Ragged.grouped(box_of_point, np.arange(len(box_of_point), dtype=np.int32), len(found.boxes)),
+            Ragged.grouped(box_of_point, points, len(found.boxes)),
         )
+
+
+def _vl_feature(row: ExtractVlRow, fitted: PcaRow, config: ProposeConfig) -> Floats:
+    """Return (n, d) strongest components of the features of points, 0 where there is none; d = 0 without features."""
+    import numpy as np
+
+    from upvl_cli.perception.visual.views import SEEN
+
+    if not config.clustering.use_vl:
+        return np.zeros((len(row.state), 0))
+    values: Floats = np.zeros((len(row.state), config.clustering.vl_dims), dtype=np.float32)
+    values[row.state == SEEN] = fitted.basis.dequantize(row.feature)[:, : config.clustering.vl_dims]
+    return values
 
 
 STAGE = Stage(
