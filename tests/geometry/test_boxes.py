@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 import pytest
+from on_rows import corners, corners_bev, pairs_inside, points_inside, transform
 
 from upvl_cli.errors import BadInput
-from upvl_cli.geometry.boxes import corners, corners_bev, geometry_of, pairs_inside, points_inside, transform
+from upvl_cli.geometry.boxes import transform as transform_boxes
 from upvl_cli.geometry.se3 import apply, from_yaw, inverse
 from upvl_cli.types import Boxes, TrackedBoxes
 
@@ -100,7 +101,7 @@ def test_empty() -> None:
 
 def test_bad_boxes_are_refused_in_one_line() -> None:
     with pytest.raises(BadInput, match=r"^boxes have shape \(1, 6\), expected \(n, 7\).*$"):
-        geometry_of(np.zeros((1, 6)))
+        corners(np.zeros((1, 6)))
 
 
 @pytest.mark.parametrize("column", range(7))
@@ -119,18 +120,6 @@ def test_a_transform_leaves_behind_what_only_a_subclass_knows() -> None:
         random_boxes(3), velocity_mps=np.ones((3, 3)), score=np.ones(3), track_id=np.arange(3)
     )
     turn = from_yaw(0.5, [1.0, 2.0, 3.0])
-    moved = transform(tracked, turn)
+    moved = transform_boxes(tracked, turn)
     assert type(moved) is Boxes
     np.testing.assert_array_equal(moved.to_rows(), transform(random_boxes(3), turn))
-
-
-def test_rows_and_boxes_give_the_same() -> None:
-    rows, xyz = random_boxes(12), np.random.default_rng(1).normal(0, 8, (500, 3))
-    for function in (corners, corners_bev):
-        np.testing.assert_array_equal(function(Boxes.from_rows(rows)), function(rows))
-    for of_boxes, of_rows in zip(
-        pairs_inside(xyz, Boxes.from_rows(rows), margin_m=0.1),
-        pairs_inside(xyz, rows, margin_m=0.1),
-        strict=True,
-    ):
-        np.testing.assert_array_equal(of_boxes, of_rows)

@@ -12,9 +12,9 @@ import pytest
 from exact_clip import shared_area
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from on_rows import iou_3d, iou_3d_pairs, iou_bev, iou_bev_pairs
 
 from upvl_cli.errors import BadInput
-from upvl_cli.geometry.iou import iou_3d, iou_3d_pairs, iou_bev, iou_bev_pairs
 
 PI = math.pi
 UNIT = [0, 0, 0, 1, 1, 1, 0]

@@ -164,9 +164,11 @@ def test_real_cars_and_cyclists_lose_nothing_above_their_feet(shared: Path) -> N
         found = heights(xyz_m, drive.ground_z_m)
         road = (np.abs(xyz_m[:, 1]) < 2) & (np.abs(xyz_m[:, 0] - 10) < 5)
         assert np.mean(found[road] <= GROUND_M) > 0.999
-        for seven in labels[(labels.frame == frame.index) & (labels.class_name != "Tram")].seven:
-            inside = points_inside(xyz_m, seven[None], margin_m=0.0)[0]
-            inside &= xyz_m[:, 2] > seven[2] - seven[5] / 2 + 0.5
+        here = labels[(labels.frame == frame.index) & (labels.class_name != "Tram")]
+        for row in range(len(here)):
+            box = here[row : row + 1]
+            inside = points_inside(xyz_m, box, margin_m=0.0)[0]
+            inside &= xyz_m[:, 2] > box.center_m[0, 2] - box.size_lwh_m[0, 2] / 2 + 0.5
             kept, total = kept + np.sum(found[inside] > GROUND_M), total + inside.sum()
     assert total > 1000
     assert kept / total > 0.99

@@ -306,7 +306,7 @@ def test_the_mean_feature_and_the_vote_can_differ(tmp_path: Path) -> None:
 def test_cosines_in_the_basis_are_those_of_the_full_features() -> None:
     """cos(m + W' z, t), against the features put together again in the full space."""
     fitted, words = basis(), model().embed_text(["car", "tree", "road"])
-    codes = fitted.rounded(fitted.kept(model().embed_text(["bus", "fire truck", "building", "car"])))
+    codes = fitted.quantize(fitted.project(model().embed_text(["bus", "fire truck", "building", "car"])))
     full = fitted.mean + (codes * fitted.scale) @ fitted.components
     expected = full @ words.T / np.linalg.norm(full, axis=1, keepdims=True)
     np.testing.assert_allclose(fitted.cosines(codes, words), expected, atol=1e-5)

@@ -90,7 +90,7 @@ def test_a_label_has_the_features_of_its_points(labelled: Path) -> None:
 def test_labels_in_place_of_detections(labelled: Path) -> None:
     assert upvl(labelled, "detect", "--on", "labels").returncode == 0
     assert not (labelled / "out" / "detect").exists()
-    assert "--on 'boxes': expected model or labels" in fails(labelled, "detect", "--on", "boxes")
+    assert "--on 'boxes': expected detector or labels" in fails(labelled, "detect", "--on", "boxes")
     assert "takes no settings" in fails(labelled, "detect", "--on", "labels", "--decode-min-score", "0.5")
     assert "which is missing (not made); run: upvl train" in fails(labelled, "detect")
     assert "out/train/all.parquet has not been made" in fails(labelled, "curves")

@@ -7,7 +7,7 @@ import pytest
 
 from upvl_cli.synthetic.cast import Caster, Rays, swings
 from upvl_cli.synthetic.kinds import KINDS
-from upvl_cli.synthetic.mesh import Mesh, box, ellipsoid, joined, prism, sheet, tube
+from upvl_cli.synthetic.mesh import Mesh, box, ellipsoid, merge, prism, sheet, tube
 from upvl_cli.synthetic.model import Part, model
 from upvl_cli.synthetic.motion import Motion, rotations
 from upvl_cli.synthetic.piece import STUFF, Piece
@@ -47,8 +47,8 @@ def test_forms_have_their_volume_and_look_outwards(mesh: Mesh, volume: float) ->
     assert volume_m3(mesh) == pytest.approx(volume, rel=2e-3)
 
 
-def test_joined_keeps_faces_and_surfaces() -> None:
-    whole = joined([box((1, 1, 1), (0, 0, 0), GLASS), box((1, 1, 1), (3, 0, 0), BRICK)])
+def test_merge_keeps_faces_and_surfaces() -> None:
+    whole = merge([box((1, 1, 1), (0, 0, 0), GLASS), box((1, 1, 1), (3, 0, 0), BRICK)])
     assert volume_m3(whole) == pytest.approx(2)
     assert whole.surfaces == (GLASS, BRICK)
     assert np.bincount(whole.surface).tolist() == [len(whole.face) // 2] * 2
@@ -191,7 +191,7 @@ def test_rays_meet_what_a_plain_search_finds() -> None:
         swung = [
             part.mesh.tilted(float(swings(part, placed.odometer_m)[0]), part.pivot_m) for part in built.parts
         ]
-        whole = joined(swung)
+        whole = merge(swung)
         meshes.append(Mesh(placed.world(whole.corner_m), whole.face, whole.surface, whole.surfaces))
     wall = box((0.3, 30, 4), (22, 0, 2), BRICK)
     ego = Motion(np.zeros((1, 3)), np.zeros(1), np.zeros((1, 2)))

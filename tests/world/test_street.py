@@ -16,7 +16,7 @@ from upvl_cli.errors import BadInput
 from upvl_cli.geometry.boxes import points_inside
 from upvl_cli.geometry.iou import iou_bev
 from upvl_cli.geometry.se3 import apply, inverse
-from upvl_cli.types import Dataset, Drive
+from upvl_cli.types import Boxes, Dataset, Drive
 from world.labels import StreetLabels
 from world.layout import CAR, GROUND, vehicle
 from world.scene import BOX, Motion, Part, Pose, Scene, Thing, solids_at
@@ -145,8 +145,11 @@ def test_a_road_user_s_points_lie_in_its_box_now_and_moved_by_their_velocity_in_
             own = truth.object_index == number
             for place_m, time_s in ((xyz_m, frame / RATE_HZ), (xyz_m + way_m, (frame + 1) / RATE_HZ)):
                 box = box_of(drive.scene, thing, time_s)
-                assert points_inside(place_m[own], box, margin_m=4 * RANGE_NOISE_M).all()
-                assert points_inside(place_m[own], box, margin_m=0.01).mean() > 0.85 or own.sum() < 20
+                assert points_inside(place_m[own], Boxes.from_rows(box), margin_m=4 * RANGE_NOISE_M).all()
+                assert (
+                    points_inside(place_m[own], Boxes.from_rows(box), margin_m=0.01).mean() > 0.85
+                    or own.sum() < 20
+                )
 
 
 def test_the_front_of_the_truck_behind_fills_its_box_and_reaches_down_to_its_wheels():
@@ -186,7 +189,8 @@ def test_nobody_drives_through_another(seed):
     for frame in range(0, 80, 4):
         boxes = [box_of(drive.scene, thing, frame / RATE_HZ) for thing in users]
         x_m, y_m, heading_rad = drive.scene.ego.at(frame / RATE_HZ)
-        all_boxes = np.concatenate([*boxes, [[x_m, y_m, 0.8, 4.8, 1.9, 1.6, heading_rad]]])
+        all_rows = np.concatenate([*boxes, [[x_m, y_m, 0.8, 4.8, 1.9, 1.6, heading_rad]]])
+        all_boxes = Boxes.from_rows(all_rows)
         assert not np.triu(iou_bev(all_boxes, all_boxes), k=1).any()
 
 

@@ -46,7 +46,9 @@ class CentersConfig(Config):
     length_m: float = setting("length of a box whose residual is zero", "m", gt=0, le=100)
     width_m: float = setting("width of a box whose residual is zero", "m", gt=0, le=100)
     height_m: float = setting("height of a box whose residual is zero", "m", gt=0, le=100)
-    center_z_m: float = setting("height above the road of the centre of a box whose residual is zero", "m")
+    center_z_m: float = setting(
+        "height above the road of the centre of a box whose residual is zero", "m", ge=-10, le=20
+    )
     heatmap_sigma: float = setting(
         "standard deviation of the Gaussian around the centre of a box that lowers the weight of negative cells, "
         "in sides of the box",

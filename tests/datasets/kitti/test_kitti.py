@@ -529,7 +529,7 @@ def test_the_real_drive_with_poses(shared: Path) -> None:
     seconds = np.diff([frame.time_ns for frame in drive.frames]) / 1e9
     assert (path_m / seconds).min() > 4 and (path_m / seconds).max() < 11  # it brakes from 9.6 to 5 m/s
     image = drive.image(103, "image_02")
-    assert image is not None and image.rgb.shape == (120, 397, 3)
+    assert image is not None and image.rgb.shape == (375, 1242, 3)
 
 
 @pytest.mark.real

@@ -30,9 +30,9 @@ def seen(
     table = np.array(rows).reshape(-1, 5)
     n = len(table)
     heading = np.arctan2(table[:, 4], table[:, 3])
-    seven = np.column_stack([table[:, 1:3], np.full((n, 4), (0.8, 4, 2, 1.5)), heading])
+    rows = np.column_stack([table[:, 1:3], np.full((n, 4), (0.8, 4, 2, 1.5)), heading])
     velocity = np.column_stack([table[:, 3:5], np.zeros(n)])
-    return track(table[:, 0].astype(int), Boxes.from_rows(seven), velocity, TIME_S, config)
+    return track(table[:, 0].astype(int), Boxes.from_rows(rows), velocity, TIME_S, config)
 
 
 def test_one_car_is_one_track_with_its_velocity() -> None:
@@ -62,12 +62,12 @@ def test_a_gap_is_filled_where_the_object_was(gap: list[int]) -> None:
 
 def test_what_claims_to_move_and_stays_is_dropped() -> None:
     n = 20
-    seven = np.tile([5.0, 0, 0.8, 4, 2, 1.5, 0], (n, 1))
-    tracks = track(np.arange(n), Boxes.from_rows(seven), np.tile([3.0, 0, 0], (n, 1)), TIME_S, CONFIG)
+    rows = np.tile([5.0, 0, 0.8, 4, 2, 1.5, 0], (n, 1))
+    tracks = track(np.arange(n), Boxes.from_rows(rows), np.tile([3.0, 0, 0], (n, 1)), TIME_S, CONFIG)
     assert len(tracks.track_id) == 0
     assert tracks.dropped == {"too few boxes": 0, "goes nowhere": 1}
     anything = replace(CONFIG, travel=replace(CONFIG.travel, required=False))
-    kept = track(np.arange(n), Boxes.from_rows(seven), np.tile([3.0, 0, 0], (n, 1)), TIME_S, anything)
+    kept = track(np.arange(n), Boxes.from_rows(rows), np.tile([3.0, 0, 0], (n, 1)), TIME_S, anything)
     assert len(kept.track_id) == n
 
 
