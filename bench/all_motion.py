@@ -122,7 +122,7 @@ def _scores(workspace: Workspace, name: str) -> float:
 
 
 def _standing(material: Material, moving_mps: float) -> Material:
-    """The labels that stand, and the boxes that do."""
+    """Return the labels that are static, and the boxes that are."""
     labels, boxes = (
         speed_mps(boxes.velocity_mps) < moving_mps for boxes in (material.labels, material.predictions)
     )

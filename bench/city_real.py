@@ -68,7 +68,7 @@ def figures(drive: Drive) -> Figures:
 
 
 def above(drive: Drive) -> Array:
-    """A sweep from above, brighter where it is higher."""
+    """Draw a sweep from above, brighter where it is higher."""
     frame = drive.frames[len(drive.frames) // 2].index
     xyz = drive.points(frame).xyz_ego_m
     column = ((REACH_M - xyz[:, 1]) * PIXELS / (2 * REACH_M)).astype(int)

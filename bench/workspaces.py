@@ -13,7 +13,7 @@ ROOT = Path(__file__).parents[1]
 
 
 def on_kitti(folder: Path, root: Path, segments: list[str]) -> Path:
-    """A workspace in `folder` for KITTI raw drives under `root`; an empty list takes all of them.
+    """Make a workspace in `folder` for KITTI raw drives under `root`; an empty list takes all of them.
 
     Args:
         folder: Where to make it; an older one there gets the settings of today.
@@ -30,7 +30,7 @@ def on_kitti(folder: Path, root: Path, segments: list[str]) -> Path:
 
 
 def on_city(folder: Path, **values: int) -> Path:
-    """A workspace in `folder` for drives of the built-in city, with some values of `synthetic.toml` changed."""
+    """Make a workspace in `folder` for drives of the built-in city, with some values of `synthetic.toml` changed."""
     folder.mkdir(parents=True, exist_ok=True)
     shutil.rmtree(folder / "stages", ignore_errors=True)
     shutil.copytree(ROOT / "stages", folder / "stages")

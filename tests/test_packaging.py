@@ -71,5 +71,14 @@ def test_links_of_the_pages_lead_somewhere() -> None:
                 assert (page.parent / target).exists(), f"{page.name} links to {target}"
 
 
+def test_a_link_named_by_a_function_leads_to_the_file_that_defines_it() -> None:
+    text = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    links = re.findall(r"\[`(\w+)`\]\(\.\./([^)]+\.py)\)", text)
+    assert len(links) > 10
+    for name, target in links:
+        code = (ROOT / target).read_text(encoding="utf-8")
+        assert re.search(rf"^(def|class) {name}\b", code, flags=re.MULTILINE), f"{target} defines no {name}"
+
+
 def _normal(name: str) -> str:
     return name.strip().lower().replace("_", "-")
