@@ -6,8 +6,8 @@ OpenBLAS picks the kernels of its matrix products by the processor, and each sum
 of `upvl autolabel` is run with each kernel that this processor can run, and its shards are compared with those of
 the first one: a shard that a later stage computes from them may not hang on the machine either. Prints, for each
 stage and kernel, the largest difference of each column that differs; `rows` where there are other rows.
-The drives are those of ROOT; without, one of the built-in city, whose rays are themselves cast through BLAS: its
-points differ in the last digit before any stage has run. Options after `--` go to `autolabel` (`--moving-only`).
+The drives are those of ROOT; without, one of the built-in city, whose own points may differ in the last digit before
+any stage has run: its rays are rotated through BLAS. Options after `--` go to `autolabel` (`--moving-only`).
 """
 
 from __future__ import annotations

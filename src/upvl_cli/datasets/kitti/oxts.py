@@ -9,6 +9,7 @@ import numpy as np
 
 from upvl_cli.datasets.kitti.text import numbers, read_text
 from upvl_cli.errors import BadInput
+from upvl_cli.geometry.se3 import compose
 from upvl_cli.types import Array
 
 _EARTH_RADIUS_M = 6378137.0  # the radius of KITTI's own projection (and of WGS 84 at the equator)
@@ -31,7 +32,9 @@ def world_from_ego(records: Mapping[int, Path], frames: Sequence[int], ego_from_
     """
     first_latitude_deg = _read_record(records[min(records)])[0] if records else 0.0
     values = np.array([_read_record(records[frame]) for frame in frames]).reshape(-1, 6)
-    poses = world_from_imu(values, first_latitude_deg=first_latitude_deg) @ np.linalg.inv(ego_from_imu)
+    poses = compose(
+        world_from_imu(values, first_latitude_deg=first_latitude_deg), np.linalg.inv(ego_from_imu)
+    )
     poses[:, :3, 3] -= poses[:1, :3, 3]
     far = np.flatnonzero(np.abs(poses[:, :3, 3]).max(axis=1) > _MOST_WAY_M)
     if len(far):

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from upvl_cli.geometry.se3 import compose
 from upvl_cli.types import Array
 
 # The Velodyne HDL-64E turns 5 to 20 times a second; other times between sweeps are not one turn.
@@ -54,7 +55,7 @@ def twists(time_ns: Array, world_from_ego: Array) -> Array:
     if len(time_ns) < 2:
         return np.zeros((len(time_ns), 6))
     steps_s = np.diff(time_ns) / 1e9
-    moved = np.linalg.inv(world_from_ego[:-1]) @ world_from_ego[1:]
+    moved = compose(np.linalg.inv(world_from_ego[:-1]), world_from_ego[1:])
     # The skew part of a small rotation is its axis times its angle.
     turned = np.stack([(moved[:, i, j] - moved[:, j, i]) / 2 for i, j in ((2, 1), (0, 2), (1, 0))], axis=1)
     # Half the turn back: the way of a screw motion in the axes of both ends alike, not of the first one.
