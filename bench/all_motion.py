@@ -23,7 +23,7 @@ from upvl_cli.evaluation.config import EvalConfig
 from upvl_cli.evaluation.gather import Material, gather
 from upvl_cli.evaluation.score import detection_scores, named_scores
 from upvl_cli.metrics.waymo.inputs import speed_mps
-from upvl_cli.pipeline.presets import make, preset_workspace
+from upvl_cli.pipeline.presets import make_labels, preset_workspace
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.vlm.mini import OBJECTS
 from workspaces import on_city, on_kitti
@@ -83,7 +83,7 @@ def main() -> None:
         for name in options.only:
             workspace = _preset(base, name)
             for segment in base.segments:
-                for _ in make(base, workspace, done, segment, lambda: None):
+                for _ in make_labels(base, workspace, done, segment, lambda: None):
                     pass
             done.append(workspace)
             ap[name] = _scores(workspace, name)

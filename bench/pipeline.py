@@ -24,7 +24,7 @@ from sklearn.cluster import DBSCAN
 
 from upvl_cli.cli.labels import MOVING_ONLY
 from upvl_cli.commands.pipeline import PIPELINE
-from upvl_cli.pipeline.presets import remember
+from upvl_cli.pipeline.presets import note_preset
 from upvl_cli.pipeline.workspace import Workspace
 from workspaces import on_kitti
 
@@ -67,7 +67,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as temporary:
         folder = on_kitti(arguments.keep or Path(temporary), arguments.root, [])
         workspace = Workspace(PIPELINE, folder / "stages", folder / "out", MOVING_ONLY)
-        remember(workspace)
+        note_preset(workspace)
         drives = [workspace.dataset.open(name) for name in workspace.segments]
         frames = sum(len(drive.frames) for drive in drives)
         sweep = drives[0].points(drives[0].frames[len(drives[0].frames) // 2].index)

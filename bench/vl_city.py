@@ -13,11 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from upvl_cli.commands.draw import table_of
 from upvl_cli.commands.pipeline import PIPELINE
 from upvl_cli.perception.visual.views import SEEN
-from upvl_cli.pipeline.stage import WHOLE_DATASET
 from upvl_cli.pipeline.workspace import Workspace
+from upvl_cli.stages.rows import ExtractVlRow, PcaRow
 from upvl_cli.synthetic.kind import CYCLIST, PEDESTRIAN, VEHICLE
 from upvl_cli.synthetic.kinds import KINDS
 from upvl_cli.synthetic.piece import STUFF
@@ -57,13 +56,13 @@ def scored(workspace: Workspace) -> bool:
     group_of_word = np.repeat(np.arange(3), [len(words) for words in lists])
     kinds = list(dict.fromkeys([*KINDS, *STUFF]))
     kind_words = workspace.model.embed_text(kinds)
-    (pca,) = table_of(workspace, "pca", WHOLE_DATASET)
+    (pca,) = workspace.table("pca", PcaRow)
     confusion = np.zeros((3, 3), dtype=np.int64)
     hits, total = np.zeros(len(kinds)), np.zeros(len(kinds))
     for segment in workspace.segments:
         drive = workspace.drive(segment)
         scene = np.array(drive.scene.names)
-        for row in table_of(workspace, "extract-vl", segment):
+        for row in workspace.table("extract-vl", ExtractVlRow, segment):
             _, truth = drive.points_with_truth(row.frame)
             group = np.array([group_of(name) for name in scene])[truth.name[row.state == SEEN]]
             found = group_of_word[pca.basis.cosines(row.feature, group_words).argmax(axis=1)]

@@ -13,13 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
-from upvl_cli.commands.draw import table_of
 from upvl_cli.commands.pipeline import PIPELINE
 from upvl_cli.datasets.label_registry import label_source
 from upvl_cli.geometry.boxes import points_inside
 from upvl_cli.perception.visual.views import SEEN
-from upvl_cli.pipeline.stage import WHOLE_DATASET
 from upvl_cli.pipeline.workspace import Workspace
+from upvl_cli.stages.rows import ExtractVlRow, GroundRow, PcaRow
 from workspaces import make, on_kitti
 
 VEHICLE = 1
@@ -45,10 +44,13 @@ def scored(workspace: Workspace, segment: str) -> bool:
     vehicle = workspace.settings(PIPELINE.by_name["classify"]).vehicle
     background = workspace.settings(PIPELINE.by_name["mask"]).background
     words = workspace.model.embed_text([*vehicle, *background])
-    (pca,) = table_of(workspace, "pca", WHOLE_DATASET)
+    (pca,) = workspace.table("pca", PcaRow)
     source = label_source(workspace.raw.dataset, Path(workspace.raw.root), workspace.dataset)
     labels, frames = source.labels(segment), source.frames(segment)
-    features, ground = table_of(workspace, "extract-vl", segment), table_of(workspace, "ground", segment)
+    features, ground = (
+        workspace.table("extract-vl", ExtractVlRow, segment),
+        workspace.table("ground", GroundRow, segment),
+    )
     vehicles, rest = np.zeros(2), np.zeros(2)
     for frame in frames.tolist():
         row, floor = features[frame], ground[frame]
