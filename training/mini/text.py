@@ -20,7 +20,7 @@ from safetensors.numpy import save_file
 from transformers import AutoModel, AutoTokenizer
 
 from upvl_cli.types import Array, Floats
-from upvl_cli.vlm.mini_text import MiniText, plain, unit
+from upvl_cli.vlm.mini_text import MiniText, normalize, unit
 
 DIM = 192
 SENTENCES = ("{}", "a {} in the street")
@@ -65,7 +65,7 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
-    table = list(dict.fromkeys(plain(phrase) for phrase in phrases()))
+    table = list(dict.fromkeys(normalize(phrase) for phrase in phrases()))
     vocabulary = AutoTokenizer.from_pretrained(options.model).get_vocab()
     tokens = [token.removeprefix("##") for token, _ in sorted(vocabulary.items(), key=lambda item: item[1])]
     full = embed(options.model, [*tokens, *table])
