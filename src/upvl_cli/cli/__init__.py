@@ -7,12 +7,24 @@ from collections.abc import Sequence
 
 from typer.exceptions import TyperException
 
-from upvl_cli.cli import draw, evaluate, labels, query, stages, train
+# Each module adds its commands to the application when it is imported; in help they stand in this order.
+from upvl_cli.cli import labels
+
+# isort: split
+from upvl_cli.cli import stages
+
+# isort: split
+from upvl_cli.cli import query
+
+# isort: split
+from upvl_cli.cli import draw
+
+# isort: split
+from upvl_cli.cli import evaluate, train
 from upvl_cli.cli.application import app
 from upvl_cli.errors import UpvlError, one_line
 
-# Each adds its commands to the application when it is imported; they stand in help in this order.
-COMMANDS = (stages, labels, train, draw, query, evaluate)
+COMMANDS = (labels, stages, query, draw, evaluate, train)
 
 
 def run(arguments: Sequence[str]) -> int:
