@@ -37,6 +37,7 @@ CONFIG = ProposalConfig(
         vertical_eps_m=1.0,
         scale_with_range=False,
         angular_eps_deg=1.2,
+        use_velocity=True,
         velocity_eps_mps=1.5,
         use_vl=False,
         vl_eps=0.5,

@@ -81,6 +81,12 @@ def test_distance_and_difference_in_velocity_add_up_as_in_a_right_triangle(
     assert len(found.boxes) == objects
 
 
+@pytest.mark.parametrize(("used", "objects"), [(True, 2), (False, 1)])
+def test_velocity_counts_only_where_it_is_used(used: bool, objects: int) -> None:
+    pair = sweep((spot(8.05, 0.05), (6.0, 0.0)), (spot(8.05, 0.35), (6.0, 9.0)))
+    assert len(proposals(pair, clustering__eps_m=0.5, clustering__use_velocity=used).boxes) == objects
+
+
 @pytest.mark.parametrize(
     ("eps_m", "vertical_eps_m", "gap_m", "objects"),
     [(0.6, 1.0, 0.9, 1), (0.6, 1.0, 1.1, 2), (0.6, 2.0, 1.9, 1), (1.5, 1.0, 1.4, 1)],

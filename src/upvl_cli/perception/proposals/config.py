@@ -31,12 +31,13 @@ class ClusteringConfig(Config):
         ge=0,
         le=20,
     )
+    use_velocity: bool = setting("let the difference in velocity count between neighbors")
     velocity_eps_mps: float = setting(
         "difference in velocity that counts as much as a distance of eps_m; both add up as the sides of a "
-        "right triangle",
+        "right triangle; used with use_velocity",
         "m/s",
         ge=0.01,
-        le=1000,
+        le=200,
     )
     use_vl: bool = setting("let the distance in vision-language features count between neighbors")
     vl_eps: float = setting(
