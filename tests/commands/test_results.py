@@ -18,7 +18,7 @@ from upvl_cli.types import Ragged
 # Of each drive the boxes of its two frames: their class and length.
 BOXES = {
     "drive-a": ([("vehicle", 4.0), ("pedestrian", 0.5)], [("vehicle", 5.0)]),
-    "drive-b": ([], [("vehicle", 9.0), ("", 1.0)]),
+    "drive-b": ([], [("vehicle", 9.0), ("unknown", 1.0)]),
 }
 
 

@@ -84,7 +84,7 @@ def test_each_column_says_its_meaning_unit_and_axes(table: pa.Table) -> None:
 
 
 def test_the_class_is_that_of_the_track(table: pa.Table) -> None:
-    assert table["class"].to_pylist() == ["vehicle", "pedestrian", "other", "", "pedestrian"]
+    assert table["class"].to_pylist() == ["vehicle", "pedestrian", "other", "unknown", "pedestrian"]
     assert table["word"].to_pylist() == ["bus", "person", "pole", "", "person"]
     assert table["class_share"].to_pylist() == [1.0, 0.75, 0.5, 0.0, 0.75]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING
 
 from upvl_cli.config.base import Config, setting
-from upvl_cli.perception.labels.classes import CLASS_NAMES
+from upvl_cli.perception.labels.classes import CLASS_NAMES, UNKNOWN
 from upvl_cli.pipeline.stage import Stage
 from upvl_cli.stages.rows import AmodalRow, ClassifyRow, LabelRow
 
@@ -34,7 +34,7 @@ def run(inputs: Inputs, config: LabelsConfig) -> Iterator[LabelRow]:
         order = np.argsort(classes.track_id)
         place = order[np.searchsorted(classes.track_id[order], row.track_id)]
         word, number = classes.word[place], classes.type[place]
-        names = [CLASS_NAMES[int(k)] if text else "" for k, text in zip(number, word, strict=True)]
+        names = [CLASS_NAMES[int(k)] if text else UNKNOWN for k, text in zip(number, word, strict=True)]
         speed_mps = np.hypot(row.velocity_mps[:, 0], row.velocity_mps[:, 1])
         inputs.count("labels", len(place))
         yield LabelRow(

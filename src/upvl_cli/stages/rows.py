@@ -205,7 +205,7 @@ class LabelRow(AmodalRow):
 
     class_name: Array = column(
         "string",
-        "vehicle, pedestrian, cyclist or other; empty where no camera saw the track",
+        "vehicle, pedestrian, cyclist or other; unknown where no camera saw the track",
         per="box",
         names=("class",),
     )

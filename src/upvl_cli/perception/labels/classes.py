@@ -9,3 +9,4 @@ VEHICLE: Final = 1
 PEDESTRIAN: Final = 2
 CYCLIST: Final = 4
 CLASS_NAMES: Final = {VEHICLE: "vehicle", PEDESTRIAN: "pedestrian", CYCLIST: "cyclist", OTHER: "other"}
+UNKNOWN: Final = "unknown"  # the class of what no camera saw
