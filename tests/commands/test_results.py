@@ -127,7 +127,7 @@ def test_what_is_not_there_is_named(out: Path) -> None:
 def test_pyarrow_counts_the_classes(out: Path) -> None:
     groups = upvl.open(out).labels().group_by("class").aggregate([([], "count_all"), ("length_m", "mean")])
     found = {row["class"]: (row["count_all"], row["length_m_mean"]) for row in groups.to_pylist()}
-    assert found == {"vehicle": (3, 6.0), "pedestrian": (1, 0.5), "": (1, 1.0)}
+    assert found == {"vehicle": (3, 6.0), "pedestrian": (1, 0.5), "unknown": (1, 1.0)}
 
 
 def test_duckdb_counts_the_classes(out: Path) -> None:
