@@ -65,3 +65,14 @@ def test_far_points_have_a_longer_reach_and_near_ones_keep_theirs() -> None:
     assert (found[12:] == 0).all()
     everywhere = dbscan_voxels(points, eps_m=0.6, min_points=3, voxel_m=0.1, reach_m=np.full(24, 0.6))
     assert (everywhere == -1).all()
+
+
+def test_a_pair_counts_once_though_it_lies_within_a_shorter_reach_too() -> None:
+    # Three voxels of one point each, 20 m away, all with a long reach; a fourth far off has a short one.
+    points = np.array([[20.0, 0.0, 0.0], [20.4, 0.0, 0.0], [20.8, 0.0, 0.0], [-50.0, 0.0, 0.0]])
+    reach_m = np.array([1.2, 1.2, 1.2, 0.6])
+    labels = [
+        dbscan_voxels(points, eps_m=0.6, min_points=count, voxel_m=0.1, reach_m=reach_m).tolist()
+        for count in (3, 4)
+    ]
+    assert labels == [[0, 0, 0, -1], [-1, -1, -1, -1]]

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 from stored import config
 
@@ -12,7 +15,7 @@ from upvl_cli.commands.pipeline import PIPELINE
 from upvl_cli.errors import BadSetting
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.query.classes import Classes, classes_from_file, classes_from_phrases
-from upvl_cli.query.vocabulary import Vocabulary, build_vocabulary
+from upvl_cli.query.vocabulary import Vocabulary, _vectors, build_vocabulary
 
 
 def test_phrases_are_a_class_each() -> None:
@@ -98,6 +101,29 @@ def test_words_that_the_model_cannot_distinguish_are_named(made: Workspace) -> N
     found = build(made, classes_from_phrases(["fire truck, garbage truck, car"]))
     assert found.ambiguous == (("fire truck", "truck"),)
     assert build(made, classes_from_phrases(["fire truck"]), synonym_cosine=1.0).ambiguous == ()
+
+
+def test_the_word_itself_never_competes_however_it_is_written(made: Workspace) -> None:
+    found = build(made, classes_from_phrases(["CAR"]), synonym_cosine=1.5)
+    assert found.words[0] == "CAR"
+    assert "car" not in found.words[1:]
+    assert "van" in found.words[1:]
+
+
+@dataclass(frozen=True)
+class OneHot:
+    """A model whose vectors have one number that is not 0; it has none for "void"."""
+
+    name = "one-hot"
+
+    def embed_text(self, words: Sequence[str]) -> np.ndarray:
+        return np.array([[float(word != "void"), 0.0, 0.0] for word in words])
+
+
+def test_a_vector_with_zeros_is_a_vector_and_one_of_zeros_is_none() -> None:
+    assert _vectors(OneHot(), ["car", "bus"]).shape == (2, 3)
+    with pytest.raises(BadSetting, match="one-hot has no vector for 'void'"):
+        _vectors(OneHot(), ["car", "void"])
 
 
 def test_negatives_of_a_file_are_the_only_ones(made: Workspace) -> None:

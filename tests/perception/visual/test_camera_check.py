@@ -24,7 +24,7 @@ from upvl_cli.perception.visual.camera_check import (
     edge_strength,
     estimate_offset,
 )
-from upvl_cli.perception.visual.outlines import LEFT, RIGHT, TOP, Outlines, detect_outlines
+from upvl_cli.perception.visual.outlines import LEFT, RIGHT, TOP, Outlines, _sample_spacing, detect_outlines
 from upvl_cli.types import Array, Camera, concat
 
 CHECK = load(CheckConfig, Path(__file__).parents[3] / "stages" / "check.toml")
@@ -248,6 +248,12 @@ def test_a_pole_of_one_column_has_a_left_and_a_right_side() -> None:
     assert len(found) == len(near), "a wall alone has no outline"
     assert (near.side == LEFT).sum() > 20 and (near.side == RIGHT).sum() > 20
     assert (near.side == TOP).sum() <= 1
+
+
+def test_the_spacing_of_columns_is_that_to_the_next_sample_on_the_right() -> None:
+    u_px = np.add.outer(8.0 * np.arange(20), [0.0, 2.0]).ravel()[1:]  # as many gaps of 6 pixels as of 2
+    grid = np.stack(np.meshgrid(u_px, np.arange(20) * 10.0), axis=-1).reshape(-1, 2)
+    assert _sample_spacing(grid)[0] == 4.0  # the median of both
 
 
 def test_a_single_sample_is_no_outline() -> None:
