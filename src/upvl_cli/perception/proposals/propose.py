@@ -123,7 +123,7 @@ def _cluster(sweep: Sweep, is_clustered: Bools, config: ClusteringConfig) -> Int
     """Return (n,) cluster of each point by position, velocity and features together, in metres; -1 for none."""
     label: Ints = np.full(len(sweep.xyz_m), NOISE, dtype=np.int64)
     position = sweep.xyz_m * [1.0, 1.0, min(1.0, config.eps_m / config.vertical_eps_m)]
-    columns = [position]
+    columns: list[Array] = [position]
     if config.use_velocity:
         columns.append(sweep.velocity_mps * (config.eps_m / config.velocity_eps_mps))
     if config.use_vl:
