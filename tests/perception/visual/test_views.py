@@ -225,3 +225,7 @@ def test_glass_hides_the_ground_up_to_its_height_and_no_farther(above_door_m: fl
     road = [1.5 * 8 / (door[:, 2].max() * -1 - above_door_m), 0.0, -1.5]
     raised = np.arange(len(door) + 1) < len(door)
     assert states(np.concatenate([door, [road]]), raised, glass_m=0.35)[-1] == state
+
+
+def test_the_numbers_of_states_are_those_that_tables_hold() -> None:
+    assert (SEEN, OCCLUDED, NO_VIEW) == (0, 1, 2)
