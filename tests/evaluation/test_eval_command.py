@@ -288,6 +288,6 @@ def test_a_real_drive(shared: Path, tmp_path: Path) -> None:
     folder = make_workspace(tmp_path, raw__dataset='"kitti"', raw__root=f'"{root}"')
     assert upvl(folder, "autolabel", "--moving-only").returncode == 0
     text = printed(folder)
-    # 44 frames of a tram, 40 and 33 of two cyclists in the front view; parked cars are not asked for.
-    assert "AP@0.4  all            117 " in text
+    # 44 frames of a tram, 41 and 33 of two cyclists in the front view; parked cars are not asked for.
+    assert "AP@0.4  all            118 " in text
     assert 0.0 < report(folder)["detection"][0]["ap"][1] <= 1.0
