@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from upvl_cli.geometry.se3 import apply, from_yaw, inverse, wrap_angle, yaw_of
+from upvl_cli.geometry.se3 import apply, from_yaw, inverse, rotate, wrap_angle, yaw_of
 
 
 def random_pose(seed: int) -> np.ndarray:
@@ -77,3 +77,14 @@ def test_empty() -> None:
     assert from_yaw(np.zeros(0), np.zeros((0, 3))).shape == (0, 4, 4)
     assert wrap_angle([]).shape == (0,)
     assert yaw_of(np.zeros((0, 4, 4))).shape == (0,)
+
+
+@pytest.mark.parametrize("n", [1, 999, 1000, 1500])
+def test_few_and_many_vectors_are_rotated_to_the_same_bits(n: int) -> None:
+    rng = np.random.default_rng(n)
+    poses, vectors = from_yaw(rng.uniform(-3, 3, 2), rng.normal(size=(2, 3))), rng.normal(size=(2, n, 3)) * 50
+    expected = [
+        [[(v[0] * m[r, 0] + v[1] * m[r, 1]) + v[2] * m[r, 2] for r in range(3)] for v in some]
+        for m, some in zip(poses, vectors, strict=True)
+    ]
+    np.testing.assert_array_equal(rotate(poses, vectors), expected)

@@ -10,6 +10,8 @@ import numpy as np
 from upvl_cli.geometry.small_matrices import product
 from upvl_cli.types import Array
 
+_MANY = 1000  # vectors from which on a pass for each row of the matrix is quicker than three over all numbers
+
 
 def inverse(a_from_b: Array) -> Array:
     """Return `b_from_a`, by the transpose of the rotation.
@@ -34,7 +36,9 @@ def apply(dst_from_src: Array, xyz: Array) -> Array:
         xyz: (..., n, 3) points in the axes of src, in metres.
     """
     dst_from_src = np.asarray(dst_from_src, dtype=np.float64)
-    return rotate(dst_from_src, xyz) + dst_from_src[..., None, :3, 3]
+    moved = rotate(dst_from_src, xyz)
+    moved += dst_from_src[..., None, :3, 3]
+    return moved
 
 
 def rotate(dst_from_src: Array, vectors: Array) -> Array:
@@ -45,12 +49,20 @@ def rotate(dst_from_src: Array, vectors: Array) -> Array:
         vectors: (..., n, 3) vectors along the axes of src.
     """
     matrix, vectors = np.asarray(dst_from_src, dtype=np.float64), np.asarray(vectors, dtype=np.float64)
+    # Either way each number is (x a + y b) + z c: one order of summation on every processor.
+    if vectors.shape[-2] < _MANY:
+        rotated = vectors[..., 0, None] * matrix[..., None, :3, 0]
+        rotated += vectors[..., 1, None] * matrix[..., None, :3, 1]
+        rotated += vectors[..., 2, None] * matrix[..., None, :3, 2]
+        return np.asarray(rotated)
     x, y, z = (vectors[..., axis] for axis in range(3))
-    columns = [
-        x * matrix[..., row, 0, None] + y * matrix[..., row, 1, None] + z * matrix[..., row, 2, None]
-        for row in range(3)
-    ]
-    return np.stack(columns, axis=-1)
+    rotated = np.empty((*np.broadcast_shapes((*matrix.shape[:-2], 1), x.shape), 3))
+    for row in range(3):
+        total = x * matrix[..., row, 0, None]
+        total += y * matrix[..., row, 1, None]
+        total += z * matrix[..., row, 2, None]
+        rotated[..., row] = total
+    return rotated
 
 
 def compose(a_from_b: Array, b_from_c: Array) -> Array:
