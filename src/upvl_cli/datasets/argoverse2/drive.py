@@ -84,7 +84,7 @@ class ArgoverseDrive:
 
     def points(self, frame: int) -> Points:
         """Return the sweep of a frame; raises `BadInput` where there is no such frame or its file is damaged."""
-        points, self._skipped_points[self._known(frame)] = read_sweep(self.sweeps[frame])
+        points, self._skipped_points[frame] = read_sweep(self.sweeps[self._known(frame)])
         return points
 
     def image(self, frame: int, camera: str) -> Image | None:
