@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import tempfile
 from pathlib import Path
@@ -19,7 +18,7 @@ from upvl_cli.datasets.argoverse2.dataset import Argoverse2
 from upvl_cli.datasets.argoverse2.labels import ArgoverseLabels
 from upvl_cli.errors import BadInput
 
-EXAMPLES = int(os.environ.get("UPVL_DAMAGES", "40"))
+EXAMPLES = 40
 WHOLE = Path(tempfile.mkdtemp(prefix="av2_"))
 
 
