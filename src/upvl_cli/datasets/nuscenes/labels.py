@@ -12,6 +12,7 @@ from upvl_cli.datasets.nuscenes.calibration import pose_of
 from upvl_cli.datasets.nuscenes.dataset import NuScenes
 from upvl_cli.datasets.nuscenes.drive import NuScenesDrive
 from upvl_cli.datasets.nuscenes.layout import Scene, Tables
+from upvl_cli.datasets.nuscenes.records import time_of
 from upvl_cli.datasets.nuscenes.tables import Row, Table, number_of, numbers_of, row_name, text_of
 from upvl_cli.datasets.shared.tracks import count_points, velocities_of_tracks
 from upvl_cli.errors import BadInput
@@ -100,10 +101,9 @@ def _key_frames(drive: NuScenesDrive, scene: Scene) -> dict[str, int]:
     """Return the frame of each sample, in the order of time: its key frame, or else its sweep nearest in time."""
     path = scene.tables.samples.path
     time_ns = {
-        text_of(row, "token", path): number_of(row, "timestamp", path) * 1000
-        for row in scene.tables.samples.rows({scene.token})
+        text_of(row, "token", path): time_of(row, path) for row in scene.tables.samples.rows({scene.token})
     }
-    best: dict[str, tuple[bool, float, int]] = {}
+    best: dict[str, tuple[bool, int, int]] = {}
     for frame, record in drive.sweeps.items():
         rank = (not record.is_key_frame, abs(record.time_ns - time_ns[record.sample]), frame)
         best[record.sample] = min(best.get(record.sample, rank), rank)

@@ -98,6 +98,12 @@ def lidar_of(channels: Mapping[str, Channel], scene: Scene) -> Channel:
     )
 
 
+def time_of(row: Row, path: Path) -> int:
+    """Return the time of a row in nanoseconds; Lyft's microseconds have fractions."""
+    time_us = number_of(row, "timestamp", path)
+    return int(time_us) * _US + round((time_us - int(time_us)) * _US)
+
+
 def _sensor(token: str, tables: Tables) -> tuple[Row, str, str]:
     """Return the calibration of a token, and name and modality of its sensor."""
     mounts, sensors = tables.folder / "calibrated_sensor.json", tables.folder / "sensor.json"
@@ -125,7 +131,7 @@ def _record(row: Row, tables: Tables) -> Record:
     width, height = (row.get(name) or 0 for name in ("width", "height"))
     return Record(
         path=inside(tables.root, text_of(row, "filename", path), f"{path}: row {row.get('token')}"),
-        time_ns=round(number_of(row, "timestamp", path, most=4e15) * _US),
+        time_ns=time_of(row, path),
         sample=text_of(row, "sample_token", path),
         is_key_frame=row.get("is_key_frame") is True,
         pose_token=text_of(row, "ego_pose_token", path),
