@@ -117,7 +117,7 @@ def write_cameras(folder: Path, sweeps: int) -> None:
         (folder / "sensors/cameras" / name).mkdir(parents=True, exist_ok=True)
         for number in range(2 * sweeps):
             time_ns = FIRST_NS + 12_000_000 + number * PERIOD_NS // 2
-            grey = np.full((HEIGHT, WIDTH), 20 * number, np.uint8)
+            grey = np.full((HEIGHT, WIDTH), 20 * number % 256, np.uint8)
             Image.fromarray(grey).save(folder / "sensors/cameras" / name / f"{time_ns}.jpg")
 
 

@@ -169,7 +169,7 @@ def write_sweep(path: Path, values: np.ndarray) -> None:
 
 def write_picture(path: Path, grey: int) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    Image.fromarray(np.full((HEIGHT, WIDTH), 10 * grey, np.uint8)).save(path)
+    Image.fromarray(np.full((HEIGHT, WIDTH), 10 * grey % 256, np.uint8)).save(path)
 
 
 def add_annotations(tables: Tables, name: str, sample: str, time_us: float) -> None:

@@ -207,9 +207,9 @@ def test_a_test_split_has_no_labels(tables: Tables) -> None:
         (
             "sample_data",
             {"timestamp": "soon"},
-            "timestamp of row scene-0001-lidar0 is soon, expected a number",
+            "timestamp of row 'scene-0001-lidar0' is 'soon', expected a number",
         ),
-        ("sample_data", {"calibrated_sensor_token": "x"}, "has no row x, which sample_data.json names"),
+        ("sample_data", {"calibrated_sensor_token": "x"}, "has no row 'x', which sample_data.json names"),
         ("sample_data", {"timestamp": FIRST_US + 50_000}, "later than frame 0, expected ascending times"),
         ("ego_pose", {"rotation": [0.5, 0, 0, 0]}, "is a quaternion of length 0.5, expected 1"),
         ("ego_pose", {"token": 3}, "row 0 has no text token"),
@@ -225,6 +225,13 @@ def test_what_tables_may_not_hold(
     with pytest.raises(BadInput) as failure:
         opened(tables)
     assert message in str(failure.value)
+
+
+@pytest.mark.parametrize("name", ["a" * 5000, "none.pcd.bin"])
+def test_a_file_that_cannot_be_there_is_counted(tables: Tables, name: str) -> None:
+    tables.rows["sample_data"][2]["filename"] = f"sweeps/LIDAR_TOP/{name}"
+    tables.write()
+    assert opened(tables).skipped == {"sweep without file": 1}
 
 
 def test_two_calibrations_of_one_sensor_in_a_scene_are_refused(tables: Tables) -> None:

@@ -75,7 +75,27 @@ def test_damaged_bytes(data: st.DataObject) -> None:
 
 VALUES = st.one_of(
     st.sampled_from(
-        [None, True, "", "\0", "x", -1, 0, 1e20, 1e308, 10**400, [], {}, [None], [[0]], "../x", "a" * 5000]
+        [
+            None,
+            True,
+            "",
+            "\0",
+            "x",
+            -1,
+            0,
+            1e20,
+            1e308,
+            10**400,
+            [],
+            {},
+            [None],
+            [[0]],
+            "../x",
+            "a" * 5000,
+            "sweeps/x",
+            "sweeps/\ud800",
+            "sweeps/" + "a" * 300,
+        ]
     ),
     st.sampled_from([[1e300] * 3, [0, 0, 0, 0], ["a", "b", "c"], [True] * 3, [1e-300, 0, 0, 0], [1e9] * 3]),
     st.floats(),

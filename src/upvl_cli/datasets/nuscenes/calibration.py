@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,18 @@ def pose_of(row: Row, path: Path, *, max_m: float = MAX_POSITION_M) -> Array:
     where = f"{path}: row {row_name(row)}"
     rotation = quaternion_rotation(numbers_of(row, "rotation", 4, path), where)
     return check_pose(rigid(rotation, numbers_of(row, "translation", 3, path)), where, max_m=max_m)
+
+
+def poses_of(rows: Sequence[Row], path: Path) -> Array:
+    """Return the (n, 4, 4) transforms of many rows at once; see `pose_of`."""
+    if not rows:
+        return np.zeros((0, 4, 4))
+    wxyz = np.stack([numbers_of(row, "rotation", 4, path) for row in rows])
+    xyz_m = np.stack([numbers_of(row, "translation", 3, path) for row in rows])
+    try:
+        return check_pose(rigid(quaternion_rotation(wxyz, str(path)), xyz_m), str(path))
+    except BadInput:
+        return np.stack([pose_of(row, path) for row in rows])  # which names the row
 
 
 def ego_from_sensor(channel: Channel, path: Path) -> Array:

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from upvl_cli.datasets.nuscenes.calibration import camera_of, ego_from_sensor, pose_of
+from upvl_cli.datasets.nuscenes.calibration import camera_of, ego_from_sensor, poses_of
 from upvl_cli.datasets.nuscenes.ego_points import is_at_lidar, is_on_zoe
 from upvl_cli.datasets.nuscenes.layout import Scene
 from upvl_cli.datasets.nuscenes.pictures import Sweep, pictures_of
 from upvl_cli.datasets.nuscenes.records import Channel, Record, lidar_of, read_channels
-from upvl_cli.datasets.nuscenes.tables import Row, text_of
 from upvl_cli.datasets.shared.pictures import read_picture
 from upvl_cli.datasets.shared.point_files.read import read_points
 from upvl_cli.datasets.shared.road_height import road_height_m
@@ -132,7 +132,7 @@ def open_drive(scene: Scene) -> NuScenesDrive:
     mounts = scene.tables.folder / "calibrated_sensor.json"
     cameras, pictures = [], {}
     for name, channel in sorted(channels.items()):
-        present = tuple(record for record in channel.records if record.path.is_file())
+        present = tuple(record for record in channel.records if os.path.isfile(record.path))
         if channel.modality != "camera":
             continue
         if len(present) < len(channel.records):
@@ -161,15 +161,15 @@ def open_drive(scene: Scene) -> NuScenesDrive:
 def _poses(scene: Scene, lidar: Channel) -> dict[str, Array]:
     """Return the poses of the car at the sweeps, by token."""
     table = scene.tables.ego_poses
-    rows: Sequence[Row] = table.rows({record.pose_token for record in lidar.records})
-    return {text_of(row, "token", table.path): pose_of(row, table.path) for row in rows}
+    rows = table.rows({record.pose_token for record in lidar.records})
+    return dict(zip([row["token"] for row in rows], poses_of(rows, table.path), strict=True))
 
 
 def _sweeps(scene: Scene, lidar: Channel, poses: Mapping[str, Array], skipped: Counter[str]) -> list[Sweep]:
     """Return the sweeps that have a file and a pose; their index counts all sweeps of the scene."""
     sweeps = []
     for index, record in enumerate(lidar.records):
-        if not record.path.is_file():
+        if not os.path.isfile(record.path):
             skipped["sweep without file"] += 1
         elif record.pose_token not in poses:
             skipped["sweep without pose"] += 1

@@ -13,7 +13,7 @@ from upvl_cli.datasets.nuscenes.dataset import NuScenes
 from upvl_cli.datasets.nuscenes.drive import NuScenesDrive
 from upvl_cli.datasets.nuscenes.layout import Scene, Tables
 from upvl_cli.datasets.nuscenes.records import time_of
-from upvl_cli.datasets.nuscenes.tables import Row, Table, number_of, numbers_of, row_name, text_of
+from upvl_cli.datasets.nuscenes.tables import Row, Table, number_of, numbers_of, row_name, shown, text_of
 from upvl_cli.datasets.shared.tracks import count_points, velocities_of_tracks
 from upvl_cli.errors import BadInput
 from upvl_cli.geometry.se3 import apply, compose, from_yaw, inverse, wrap_angle, yaw_of
@@ -127,7 +127,9 @@ def _annotations(scene: Scene, samples: set[str]) -> dict[str, list[Annotation]]
         boxes[row["sample_token"]].append(_annotation(row, table, names, attributes))
     for sample, here in boxes.items():
         if len({box.instance for box in here}) < len(here):
-            raise BadInput(f"{table.path}: sample {sample[:40]} has two boxes of one instance; copy it again")
+            raise BadInput(
+                f"{table.path}: sample {shown(sample)} has two boxes of one instance; copy it again"
+            )
     return boxes
 
 
@@ -156,7 +158,9 @@ def _annotation(
 ) -> Annotation:
     path, instance = table.path, text_of(row, "instance_token", table.path)
     if instance not in names:
-        raise BadInput(f"{path.parent / 'instance.json'} has no row {instance[:40]}, which {path.name} names")
+        raise BadInput(
+            f"{path.parent / 'instance.json'} has no row {shown(instance)}, which {path.name} names"
+        )
     width, length, height = numbers_of(row, "size", 3, path).tolist()
     if not 0 < min(width, length, height) <= max(width, length, height) <= _MAX_M:
         raise BadInput(
@@ -228,8 +232,8 @@ def _in_ego_axes(boxes: list[Annotation], frame: int, drive: NuScenesDrive) -> L
     far = np.flatnonzero(~(np.abs(center_m) <= _MAX_M).all(axis=1))
     if len(far):
         raise BadInput(
-            f"{drive.name}: the box of {boxes[far[0]].instance[:40]} is more than {_MAX_M / 1000:g} km from the car in "
-            f"frame {frame}; copy sample_annotation.json again"
+            f"{drive.name}: the box of {shown(boxes[far[0]].instance)} is more than {_MAX_M / 1000:g} km from the car "
+            f"in frame {frame}; copy sample_annotation.json again"
         )
     world_from_box = from_yaw(np.array([box.yaw_rad for box in boxes]), np.zeros((len(boxes), 3)))
     heading = yaw_of(compose(ego_from_world, world_from_box)) if boxes else np.zeros(0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -22,9 +22,11 @@ class Tables:
 
     Attributes:
         folder: The folder of the tables.
+        folders: The folders of files that were found inside the root so far, by the name in the table.
     """
 
     folder: Path
+    folders: dict[str, Path] = field(default_factory=dict)
 
     @property
     def root(self) -> Path:

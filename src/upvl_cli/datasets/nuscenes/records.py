@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from upvl_cli.datasets.nuscenes.layout import Scene, Tables
-from upvl_cli.datasets.nuscenes.tables import Row, number_of, text_of
+from upvl_cli.datasets.nuscenes.tables import Row, number_of, row_name, shown, text_of
 from upvl_cli.datasets.shared.paths import inside
 from upvl_cli.errors import BadInput
 
@@ -98,6 +99,23 @@ def lidar_of(channels: Mapping[str, Channel], scene: Scene) -> Channel:
     )
 
 
+def _file_of(row: Row, tables: Tables) -> Path:
+    """Return the file of a row. Where a folder leads is looked up once, and for each file only where it is a link."""
+    where = f"{tables.sample_data.path}: row {row_name(row)}"
+    name = text_of(row, "filename", tables.sample_data.path)
+    parent, _, last = name.rpartition("/")
+    if not name.isprintable():
+        raise BadInput(
+            f"{where} names {shown(name)}, expected the relative path of a file below {tables.root}"
+        )
+    if not parent or last in ("", ".", "..") or "\\" in name:
+        return inside(tables.root, name, where)
+    folder = tables.folders.get(parent)
+    if folder is None:
+        folder = tables.folders[parent] = inside(tables.root, parent, where)
+    return inside(tables.root, name, where) if os.path.islink(folder / last) else folder / last
+
+
 def time_of(row: Row, path: Path) -> int:
     """Return the time of a row in nanoseconds; Lyft's microseconds have fractions."""
     time_us = number_of(row, "timestamp", path)
@@ -110,12 +128,15 @@ def _sensor(token: str, tables: Tables) -> tuple[Row, str, str]:
     mount = tables.mounts.get(token)
     if mount is None:
         raise BadInput(
-            f"{mounts} has no row {token[:40]}, which sample_data.json names; copy the tables again"
+            f"{mounts} has no row {shown(token)}, which sample_data.json names; copy the tables again"
         )
     sensor = tables.sensors.get(text_of(mount, "sensor_token", mounts))
     if sensor is None:
-        raise BadInput(f"{sensors} has no row of the sensor of {token[:40]}; copy the tables again")
-    return mount, text_of(sensor, "channel", sensors), text_of(sensor, "modality", sensors)
+        raise BadInput(f"{sensors} has no row of the sensor of {shown(token)}; copy the tables again")
+    name = text_of(sensor, "channel", sensors)
+    if not name.isprintable():
+        raise BadInput(f"{sensors}: channel of row {row_name(sensor)} is {shown(name)}, expected a name")
+    return mount, name, text_of(sensor, "modality", sensors)
 
 
 def _is_valid(row: Row, name: str, skipped: Counter[str]) -> bool:
@@ -130,7 +151,7 @@ def _record(row: Row, tables: Tables) -> Record:
     path = tables.sample_data.path
     width, height = (row.get(name) or 0 for name in ("width", "height"))
     return Record(
-        path=inside(tables.root, text_of(row, "filename", path), f"{path}: row {row.get('token')}"),
+        path=_file_of(row, tables),
         time_ns=time_of(row, path),
         sample=text_of(row, "sample_token", path),
         is_key_frame=row.get("is_key_frame") is True,

@@ -25,6 +25,7 @@ Row = dict[str, Any]
 _CHUNK_BYTES = 4 * 2**20
 _MAX_ROW_BYTES = 2**20
 _BETWEEN = re.compile(r"[ \t\r\n]*,?[ \t\r\n]*")
+_SHOWN = 80
 _MAX_NUMBER = 4e15  # microseconds until 2096
 
 
@@ -146,7 +147,7 @@ def text_of(row: Row, name: str, path: Path) -> str:
     """Return a text of a row; raises `BadInput` where it has none of that name."""
     value = row.get(name)
     if not isinstance(value, str):
-        raise BadInput(f"{path}: {name} of row {row_name(row)} is {str(value)[:80]}, expected text")
+        raise BadInput(f"{path}: {name} of row {row_name(row)} is {shown(value)}, expected text")
     return value
 
 
@@ -154,7 +155,7 @@ def number_of(row: Row, name: str, path: Path, *, most: float = _MAX_NUMBER) -> 
     """Return a number of a row, at most `most` on either side; raises `BadInput` where it has none of that name."""
     value = row.get(name)
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= most:
-        raise BadInput(f"{path}: {name} of row {row_name(row)} is {str(value)[:80]}, expected a number")
+        raise BadInput(f"{path}: {name} of row {row_name(row)} is {shown(value)}, expected a number")
     return value
 
 
@@ -163,14 +164,19 @@ def numbers_of(row: Row, name: str, count: int, path: Path) -> Array:
     value = row.get(name)
     if not isinstance(value, list) or len(value) != count or not all(_is_number(item) for item in value):
         raise BadInput(
-            f"{path}: {name} of row {row_name(row)} is {str(value)[:80]}, expected a list of {count} numbers"
+            f"{path}: {name} of row {row_name(row)} is {shown(value)}, expected a list of {count} numbers"
         )
     return np.array(value, dtype=np.float64)
 
 
 def row_name(row: Row) -> str:
     """Return what a row is called in a message: its token."""
-    return str(row.get("token"))[:40]
+    return shown(row.get("token"))
+
+
+def shown(value: object) -> str:
+    """Return a value of a table as a message can hold it: in one line, and not all of it."""
+    return repr(value)[:_SHOWN]
 
 
 def _is_number(value: object) -> bool:
