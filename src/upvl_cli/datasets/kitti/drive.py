@@ -5,6 +5,7 @@ Ego axes are those of the LiDAR.
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -24,6 +25,9 @@ from upvl_cli.datasets.shared.times import check_frames
 from upvl_cli.errors import BadInput
 from upvl_cli.types import Array, Camera, Frame, Image, Points
 
+# A recording of KITTI's own, and so of its car.
+_KITTIS_NAME = re.compile(r"2011_\d\d_\d\d_drive_\d{4}_(sync|extract)")
+
 Layout = Literal["raw", "object", "tracking", "odometry", "kitti360"]
 
 
@@ -42,7 +46,7 @@ class KittiDrive:
         pictures: The pictures of each camera, by frame.
         turn_s: Seconds that the LiDAR takes to turn once; 0 where unknown.
         is_compensated: Whether the files hold points where they were at the frame's time.
-        may_be_kittis_car: Whether nothing in the folder says that another car carries the LiDAR.
+        is_view_of_delft: Whether it is of View-of-Delft, whose car is another one.
     """
 
     name: str
@@ -58,12 +62,17 @@ class KittiDrive:
     skipped: Mapping[str, int]
     files: tuple[Path, ...]
     is_compensated: bool = False
-    may_be_kittis_car: bool = True
+    is_view_of_delft: bool = False
 
     @cached_property
     def vehicle(self) -> Vehicle:
-        """The car and its LiDAR, by the first sweep."""
-        return measure_vehicle(self.sweeps.values(), may_be_kittis=self.may_be_kittis_car)
+        """The car and its LiDAR, by a few sweeps."""
+        is_kittis = None
+        if self.is_view_of_delft:
+            is_kittis = False
+        elif self.layout == "raw" and _KITTIS_NAME.fullmatch(self.name):
+            is_kittis = True
+        return measure_vehicle(list(self.sweeps.values()), is_kittis=is_kittis)
 
     @property
     def ground_z_m(self) -> float:

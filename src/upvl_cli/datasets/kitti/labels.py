@@ -122,9 +122,8 @@ def _objects(drive: KittiDrive) -> Labels:
     known = {frame.index for frame in drive.frames}
     files = {frame: path for frame, path in _object_files(drive).items() if frame in known}
     ego_from_rect = _ego_from_rect(drive)
-    # View-of-Delft, whose car is another one, says so of its boxes.
     found: dict[int, ObjectBoxes] = {
-        frame: read_objects(path, ego_from_rect, turns_about_lidar=not drive.may_be_kittis_car)
+        frame: read_objects(path, ego_from_rect, turns_about_lidar=drive.is_view_of_delft)
         for frame, path in files.items()
     }
     frames = [np.full(len(objects.boxes), frame) for frame, objects in found.items()]

@@ -104,7 +104,7 @@ def open_object(run: ObjectRun) -> KittiDrive:
     others = [*paths, *(calibration_files[number] for number in run.sweeps if number in calibration_files)]
     files = SequenceFiles(run.name, run.split, "object", run.sweeps, pictures, calibration, tuple(others))
     return sequence_drive(
-        files, frames, poses, skipped, is_compensated=True, may_be_kittis_car=not pose_files
+        files, frames, poses, skipped, turn_s=0.0, is_compensated=True, is_view_of_delft=bool(pose_files)
     )
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from upvl_cli.datasets.kitti import twist
 from upvl_cli.datasets.kitti.drive import KittiDrive, complete_frames
 from upvl_cli.datasets.kitti.pictures import SHORT_CAMERAS
 from upvl_cli.datasets.kitti.sequence import SequenceFiles, nominal_times, read_cameras, sequence_drive
@@ -53,7 +54,9 @@ def open_odometry(folder: Path) -> KittiDrive:
     world_from_ego = None
     if poses and rect_from_ego is not None:
         world_from_ego = _world_from_ego([poses[frame.index] for frame in frames], rect_from_ego)
-    return sequence_drive(files, frames, world_from_ego, skipped, is_compensated=True)
+    return sequence_drive(
+        files, frames, world_from_ego, skipped, turn_s=twist.turn_s(times), is_compensated=True
+    )
 
 
 def _poses_path(folder: Path) -> Path | None:

@@ -7,7 +7,6 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from upvl_cli.datasets.kitti import twist
 from upvl_cli.datasets.kitti.calibration import Calibration, read_benchmark_calibration
 from upvl_cli.datasets.kitti.drive import KittiDrive, Layout
 from upvl_cli.datasets.kitti.pictures import calibrated_cameras, picture_files, pictures_of_frames, sizes_px
@@ -62,8 +61,9 @@ def sequence_drive(
     poses: Array | None,
     skipped: Counter[str],
     *,
+    turn_s: float,
     is_compensated: bool,
-    may_be_kittis_car: bool = True,
+    is_view_of_delft: bool = False,
 ) -> KittiDrive:
     """Return the drive of these files.
 
@@ -72,8 +72,9 @@ def sequence_drive(
         frames: Its complete frames.
         poses: (T, 4, 4) their poses, or None.
         skipped: What was left out, by reason.
+        turn_s: Seconds that the LiDAR takes to turn once; 0 where unknown.
         is_compensated: Whether the sweeps hold points where they were at the frame's time.
-        may_be_kittis_car: Whether nothing says that another car carries the LiDAR.
+        is_view_of_delft: See `KittiDrive`.
     """
     cameras = calibrated_cameras(files.pictures, files.calibration.cameras, skipped)
     pictures = {
@@ -88,14 +89,14 @@ def sequence_drive(
         calibration=files.calibration,
         frames=tuple(frames),
         sweeps={frame.index: files.sweeps[frame.index] for frame in frames},
-        turn_s=twist.turn_s({frame.index: frame.time_ns for frame in frames}) if may_be_kittis_car else 0.0,
+        turn_s=turn_s,
         cameras=cameras,
         pictures=pictures,
         world_from_ego=poses,
         skipped=dict(skipped),
         files=tuple(sorted({*files.calibration.files, *files.others, *files.sweeps.values(), *images})),
         is_compensated=is_compensated,
-        may_be_kittis_car=may_be_kittis_car,
+        is_view_of_delft=is_view_of_delft,
     )
 
 

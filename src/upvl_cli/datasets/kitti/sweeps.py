@@ -1,10 +1,9 @@
-"""One sweep of KITTI's, whole or refused, and what the first one of a drive says of its car and its sensor."""
+"""One sweep of KITTI's, whole or refused, and what a few of a drive say of its car and its sensor."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +26,7 @@ _SAME_CAR_M = 0.3  # the measured height of another car's LiDAR differs by more,
 # KITTI's car around its LiDAR, with the rack whose tips return up to 1.5 m to each side (seen in drive 0001):
 # what is measured in there moves as the car does, and is the car.
 _CAR_X_M, _CAR_Y_M = (-2.3, 3.0), (-1.6, 1.6)
-_TRIES = 5  # sweeps that may be damaged before the car of a drive is taken for KITTI's
+_MEASURED_SWEEPS = 5  # over the drive: a slope or a queue of cars around one of them decides nothing
 
 
 def read_sweep(path: Path) -> Array:
@@ -65,32 +64,36 @@ class Vehicle:
         full_reflectance: The reflectance that counts as 1.
     """
 
-    ground_z_m: float = -LIDAR_HEIGHT_M
-    has_outline: bool = True
-    full_reflectance: float = 1.0
+    ground_z_m: float
+    has_outline: bool
+    full_reflectance: float
 
 
-def measure_vehicle(sweeps: Iterable[Path], *, may_be_kittis: bool) -> Vehicle:
-    """Return what the first sweep that can be read says of the car and the sensor.
+def measure_vehicle(sweeps: Sequence[Path], *, is_kittis: bool | None) -> Vehicle:
+    """Return what a few sweeps over a drive say of the car and the sensor.
 
     Args:
-        sweeps: The files of a drive, in order.
-        may_be_kittis: Whether the car is KITTI's where the LiDAR is as high above the road as on that one.
+        sweeps: The files of the drive, in order.
+        is_kittis: Whether the car is KITTI's; None where it is if the LiDAR is as high above the road as on that one.
     """
-    for path in islice(sweeps, _TRIES):
+    chosen = np.unique(np.linspace(0, len(sweeps) - 1, _MEASURED_SWEEPS).astype(int))
+    heights_m, largest = [], 0.0
+    for path in (sweeps[place] for place in chosen):
         try:
             values = read_sweep(path)
         except BadInput:  # reading that sweep says so
             continue
         if len(values):
-            ground_z_m = road_height_m(values[:, :3])
-            is_kittis = may_be_kittis and abs(ground_z_m + LIDAR_HEIGHT_M) <= _SAME_CAR_M
-            return Vehicle(
-                ground_z_m=-LIDAR_HEIGHT_M if is_kittis else ground_z_m,
-                has_outline=is_kittis,
-                full_reflectance=_full_reflectance(float(values[:, 3].max())),
-            )
-    return Vehicle(has_outline=may_be_kittis)
+            heights_m.append(road_height_m(values[:, :3]))
+            largest = max(largest, float(values[:, 3].max()))
+    ground_z_m = float(np.median(heights_m)) if heights_m else -LIDAR_HEIGHT_M
+    if is_kittis is None:
+        is_kittis = abs(ground_z_m + LIDAR_HEIGHT_M) <= _SAME_CAR_M
+    return Vehicle(
+        ground_z_m=-LIDAR_HEIGHT_M if is_kittis else ground_z_m,
+        has_outline=is_kittis,
+        full_reflectance=_full_reflectance(largest),
+    )
 
 
 def _full_reflectance(largest: float) -> float:

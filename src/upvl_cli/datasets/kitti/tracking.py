@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 
+from upvl_cli.datasets.kitti import twist
 from upvl_cli.datasets.kitti.drive import KittiDrive, complete_frames
 from upvl_cli.datasets.kitti.oxts import Record, world_from_ego
 from upvl_cli.datasets.kitti.pictures import CAMERAS
@@ -34,14 +35,15 @@ def open_tracking(folder: Path, name: str) -> KittiDrive:
     records = _records(oxts, sweeps) if imu is not None and oxts.is_file() else {}
     known = {*range(max(sweeps, default=-1) + 1), *records}
     needed = {"oxts record": records} if records else {}
-    frames = complete_frames(sweeps, nominal_times(known), needed, skipped, folder)
+    times = nominal_times(known)
+    frames = complete_frames(sweeps, times, needed, skipped, folder)
     skipped[TIMES_ASSUMED] = len(frames)
     poses = None
     if records and imu is not None:
         poses = world_from_ego(records[min(records)], [records[frame.index] for frame in frames], imu)
     others = (oxts,) if records else ()
     files = SequenceFiles(name, folder, "tracking", sweeps, pictures, calibration, others)
-    return sequence_drive(files, frames, poses, skipped, is_compensated=False)
+    return sequence_drive(files, frames, poses, skipped, turn_s=twist.turn_s(times), is_compensated=False)
 
 
 def _records(path: Path, sweeps: Mapping[int, Path]) -> dict[int, Record]:
