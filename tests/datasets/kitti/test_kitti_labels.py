@@ -231,7 +231,10 @@ BAD_OBJECTS = {
     "too few": ("Car 1 2 3\n", r"0000000001.txt, line 1 holds '1 2 3', 3 fields; expected 14"),
     "NaN": (f"\nCar {'nan ' * 14}\n", "0000000001.txt, line 2"),
     "a size of 0": (f"Car {'0 ' * 14}\n", "must be above 0"),
-    "a place without end": (f"Car {'1 ' * 10} 1e300 1 1 1\n", r"line 1: size and place .* within 10000 m"),
+    "a place without end": (
+        f"Car {'1 ' * 10} 1e300 1 1 1\n",
+        r"line 1: size, place and angle .* within 10000 m",
+    ),
 }
 
 

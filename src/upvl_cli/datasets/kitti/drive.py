@@ -141,6 +141,7 @@ def complete_frames(
     needed: Mapping[str, Collection[int]],
     skipped: Counter[str],
     folder: Path,
+    times_path: Path,
 ) -> tuple[Frame, ...]:
     """Return the frames that have a sweep, a time and all else that is needed; the others are counted.
 
@@ -150,6 +151,7 @@ def complete_frames(
         needed: What else a frame must have ("oxts record"), and the numbers that have it.
         skipped: The counts, by reason.
         folder: The folder of the sweeps, for the message.
+        times_path: The file of the times, for the message.
 
     Raises:
         BadInput: No frame is complete, or their times do not ascend.
@@ -171,4 +173,4 @@ def complete_frames(
             f"{folder} has no complete frame ({reasons}): {describe_files(folder)}; expected sweeps like "
             "0000000000.bin, each with a time stamp"
         )
-    return check_frames(frames, folder)
+    return check_frames(frames, times_path)

@@ -94,7 +94,8 @@ def open_object(run: ObjectRun) -> KittiDrive:
     pose_files = numbered_files(run.split / "pose", (".json",))
     has_poses = bool(pose_files) and calibration.rect_from_ego is not None
     needed = {"pose": pose_files} if has_poses else {}
-    frames = complete_frames(run.sweeps, nominal_times(run.sweeps), needed, skipped, run.split / "velodyne")
+    folder = run.split / "velodyne"
+    frames = complete_frames(run.sweeps, nominal_times(run.sweeps), needed, skipped, folder, folder)
     skipped[TIMES_ASSUMED] = len(frames)
     poses = None
     paths: list[Path] = []

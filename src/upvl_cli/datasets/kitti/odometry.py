@@ -48,7 +48,8 @@ def open_odometry(folder: Path) -> KittiDrive:
     poses: Mapping[int, tuple[str, str]] = {}
     if poses_path and rect_from_ego is not None:
         poses = _pose_lines(poses_path, sweeps)
-    frames = complete_frames(sweeps, times, {"pose": poses} if poses else {}, skipped, folder / "velodyne")
+    needed = {"pose": poses} if poses else {}
+    frames = complete_frames(sweeps, times, needed, skipped, folder / "velodyne", times_path)
     others = tuple(path for path in (times_path, poses_path) if path and path.is_file())
     files = SequenceFiles(folder.name, folder, "odometry", sweeps, pictures, calibration, others)
     world_from_ego = None

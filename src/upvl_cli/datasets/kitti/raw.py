@@ -34,9 +34,10 @@ def open_raw(folder: Path) -> KittiDrive:
     records = numbered_files(folder / "oxts/data", (".txt",)) if imu is not None else {}
     sweep_folder = _data(folder / "velodyne_points")
     sweeps = numbered_files(sweep_folder, (".bin",))
-    times = _sweep_times(folder, sweeps)
+    times_path = folder / "velodyne_points/timestamps.txt"
+    times = _sweep_times(times_path, sweeps)
     needed = {"oxts record": records} if records else {}
-    frames = complete_frames(sweeps, times, needed, skipped, sweep_folder)
+    frames = complete_frames(sweeps, times, needed, skipped, sweep_folder, times_path)
     files = picture_files({name: _data(folder / name) for name in CAMERAS})
     cameras = calibrated_cameras(files, calibration.cameras, skipped)
     pictures = {}
@@ -67,8 +68,7 @@ def _data(folder: Path) -> Path:
     return folder / "data" if (folder / "data").is_dir() else folder
 
 
-def _sweep_times(folder: Path, sweeps: Mapping[int, Path]) -> dict[int, int]:
-    path = folder / "velodyne_points/timestamps.txt"
+def _sweep_times(path: Path, sweeps: Mapping[int, Path]) -> dict[int, int]:
     if not path.is_file():
         raise BadInput(f"{path} is missing; without the time of each sweep no speed is known: copy it again")
     return times_of_frames(read_timestamps(path), sweeps, path)

@@ -36,7 +36,7 @@ def open_tracking(folder: Path, name: str) -> KittiDrive:
     known = {*range(max(sweeps, default=-1) + 1), *records}
     needed = {"oxts record": records} if records else {}
     times = nominal_times(known)
-    frames = complete_frames(sweeps, times, needed, skipped, folder)
+    frames = complete_frames(sweeps, times, needed, skipped, folder, folder)
     skipped[TIMES_ASSUMED] = len(frames)
     poses = None
     if records and imu is not None:
