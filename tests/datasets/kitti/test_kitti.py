@@ -487,7 +487,7 @@ def test_a_misspelt_name_gets_the_nearest_ones(tmp_path: Path) -> None:
 ROOTS: dict[str, tuple[Callable[[Path], object], str]] = {
     "missing": (lambda path: None, "no folder .*kitti"),
     "empty": (lambda path: path.mkdir(), "nothing in .*kitti"),
-    "a file": (lambda path: path.write_text(""), "Not a directory"),
+    "a file": (lambda path: path.write_text(""), ".*Not a directory"),
     "other names": (
         lambda path: write_files(path / "training/velodyne", "scan_1.bin", "scan_2.bin"),
         "2 files like scan_1.bin in .*training/velodyne",

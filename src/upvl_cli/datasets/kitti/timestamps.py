@@ -47,19 +47,19 @@ def read_lines(path: Path) -> list[str]:
     return read_text(path).rstrip().splitlines()
 
 
-def times_of_frames(stamps: Sequence[int | None], files: Collection[int], path: Path) -> dict[int, int]:
+def times_of_frames(line_times: Sequence[int | None], files: Collection[int], path: Path) -> dict[int, int]:
     """Return the time of each frame number.
 
     Args:
-        stamps: The time of each line, None for a blank one.
+        line_times: The time of each line, None for a blank one.
         files: The frame numbers of the files that the lines belong to.
         path: Where the times are from, for the message.
 
     Raises:
         BadInput: It cannot be known which line belongs to which file.
     """
-    lines = lines_of_frames(len(stamps), files, path, _same_pace(stamps))
-    return {frame: time for frame, line in lines.items() if (time := stamps[line]) is not None}
+    lines = lines_of_frames(len(line_times), files, path, _same_pace(line_times))
+    return {frame: time for frame, line in lines.items() if (time := line_times[line]) is not None}
 
 
 def lines_of_frames(
@@ -92,11 +92,11 @@ def lines_of_frames(
     )
 
 
-def _same_pace(stamps: Sequence[int | None]) -> Callable[[Sequence[int]], bool]:
+def _same_pace(line_times: Sequence[int | None]) -> Callable[[Sequence[int]], bool]:
     """Return whether the times go on as ascending frame numbers do."""
 
     def check(ordered: Sequence[int]) -> bool:
-        times = [time for time in stamps if time is not None]
+        times = [time for time in line_times if time is not None]
         if len(times) != len(ordered):
             return False
         pace = np.diff(np.array(times, dtype=float)) / np.diff(np.array(ordered, dtype=float))
@@ -106,11 +106,11 @@ def _same_pace(stamps: Sequence[int | None]) -> Callable[[Sequence[int]], bool]:
 
 
 def _read(path: Path, parse: Callable[[str, str], int]) -> list[int | None]:
-    stamps = [
+    line_times = [
         parse(line.strip(), f"{path}, line {number}") if line.strip() else None
         for number, line in enumerate(read_lines(path), start=1)
     ]
-    known = {line: time for line, time in enumerate(stamps, start=1) if time is not None}
+    known = {line: time for line, time in enumerate(line_times, start=1) if time is not None}
     if known:
         first, last = min(known, key=known.__getitem__), max(known, key=known.__getitem__)
         hours = (known[last] - known[first]) / 3.6e12
@@ -119,7 +119,7 @@ def _read(path: Path, parse: Callable[[str, str], int]) -> list[int | None]:
                 f"{path}, lines {first} and {last} are {hours:.0f} hours apart, expected less than "
                 f"{MAX_SPAN_H:g} in one drive; mend the wrong one"
             )
-    return stamps
+    return line_times
 
 
 def _nanoseconds(text: str, where: str) -> int:
