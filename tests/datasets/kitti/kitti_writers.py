@@ -11,23 +11,28 @@ import numpy as np
 from PIL import Image
 
 from tiny_kitti import (
+    CAMERA_DELAY_NS,
     CAR_LWH_M,
     CAR_SPEED_MPS,
     CAR_START_M,
     EGO_SPEED_MPS,
+    HEIGHT_PX,
     IMU_TO_VELO_R,
     IMU_TO_VELO_T,
     P_RECT,
     R_RECT,
     VELO_TO_CAM_R,
     VELO_TO_CAM_T,
+    WIDTH_PX,
     draw,
     ego_poses,
     numbers,
     street_points,
     turn,
     twisted,
+    write_fields,
     write_oxts,
+    write_times,
 )
 
 STEP_S = 0.1
@@ -138,6 +143,36 @@ def write_odometry(
     cameras = np.linalg.inv(first) @ world @ np.linalg.inv(RECT_FROM_EGO)
     path = folder / "poses.txt" if poses_inside else root / "dataset/poses/00.txt"
     write_text(path, "".join(f"{numbers(pose[:3])}\n" for pose in cameras))
+    return truth
+
+
+def write_kitti360(root: Path, numbers_: Sequence[int] = (0, 1, 2, 3)) -> TinySequence:
+    """Write a drive of KITTI-360, its sweeps as the turning LiDAR saw them; the pose is that of the inertial unit."""
+    name = "2013_05_28_drive_0000_sync"
+    folder = root / "data_3d_raw" / name
+    truth = _truth(root, folder, name, numbers_)
+    start_ns = int(np.datetime64("2013-05-28T10:00:00", "ns").astype(np.int64))
+    times_ns = start_ns + (1e9 * STEP_S * np.arange(numbers_[-1] + 1)).astype(np.int64)
+    write_times(folder / "velodyne_points", times_ns)
+    pictures = root / "data_2d_raw" / name / "image_00"
+    write_times(pictures, times_ns + CAMERA_DELAY_NS)
+    for step, number in enumerate(numbers_):
+        _write_sweep(folder / f"velodyne_points/data/{number:010d}.bin", truth, step, is_twisted=True)
+        picture(pictures / f"data_rect/{number:010d}.png", truth.car[step, :3])
+    # The first camera sits where the rectified one does, but is turned.
+    ego_from_rect = np.linalg.inv(
+        rigid(np.eye(3), np.linalg.solve(P_RECT["02"][:, :3], P_RECT["02"][:, 3])) @ RECT_FROM_EGO
+    )
+    ego_from_camera = ego_from_rect @ rigid(R_RECT, np.zeros(3))
+    ego_from_imu = rigid(turn(0, np.pi) @ IMU_TO_VELO_R, IMU_TO_VELO_T)  # its z axis is down
+    write_text(root / "calibration/calib_cam_to_velo.txt", numbers(ego_from_camera[:3]))
+    imu_from_camera = np.linalg.inv(ego_from_imu) @ ego_from_camera
+    write_fields(root / "calibration/calib_cam_to_pose.txt", {"image_00": imu_from_camera[:3]})
+    fields = {"S_rect_00": [WIDTH_PX, HEIGHT_PX], "R_rect_00": R_RECT, "P_rect_00": P_RECT["02"]}
+    write_fields(root / "calibration/perspective.txt", {"calib_time": "28-May-2013", **fields})
+    world_from_imu = truth.world_from_ego @ ego_from_imu
+    lines = [f"{number} {numbers(pose[:3])}\n" for number, pose in zip(numbers_, world_from_imu, strict=True)]
+    write_text(root / "data_poses" / name / "poses.txt", "".join(lines))
     return truth
 
 

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from datasets.contract import check_drive, read_everything
-from datasets.kitti.kitti_writers import write_object, write_odometry, write_tracking
+from datasets.kitti.kitti_writers import write_kitti360, write_object, write_odometry, write_tracking
 from tiny_kitti import write_drive
 from upvl_cli.datasets.kitti.dataset import Kitti
 from upvl_cli.datasets.kitti.labels import KittiLabels
@@ -26,6 +26,7 @@ LAYOUTS: dict[str, Callable[[Path], object]] = {
     "object": lambda root: write_object(root, range(3)),
     "delft": lambda root: write_object(root, range(3), delft=True, suffix=".jpg"),
     "tracking": lambda root: write_tracking(root, range(3)),
+    "kitti360": lambda root: write_kitti360(root, range(3)),
     "odometry": lambda root: write_odometry(root, range(3)),
 }
 UNDAMAGED = Path(tempfile.mkdtemp(prefix="kitti_"))

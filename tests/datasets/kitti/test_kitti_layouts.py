@@ -14,11 +14,12 @@ from datasets.kitti.kitti_writers import (
     TILTED_FROM_EGO,
     TinySequence,
     calibration_text,
+    write_kitti360,
     write_object,
     write_odometry,
     write_tracking,
 )
-from tiny_kitti import RED, project
+from tiny_kitti import CAMERA_DELAY_NS, RED, project
 from upvl_cli.datasets.kitti.dataset import Kitti
 from upvl_cli.datasets.kitti.drive import KittiDrive
 from upvl_cli.datasets.kitti.labels import KittiLabels
@@ -31,6 +32,7 @@ LAYOUTS: dict[str, Callable[[Path], TinySequence]] = {
     "delft": lambda root: write_object(root, delft=True, split="lidar/training", suffix=".jpg", digits=5),
     "tracking": write_tracking,
     "odometry": write_odometry,
+    "kitti360": write_kitti360,
     "semantic": lambda root: write_odometry(root, poses_inside=True),
 }
 
@@ -58,8 +60,10 @@ def test_the_contract_of_datasets(truth: TinySequence) -> None:
 def test_frames_and_times(truth: TinySequence, layout: str) -> None:
     drive = open_only(truth)
     assert [frame.index for frame in drive.frames] == truth.numbers
-    assert [frame.time_ns for frame in drive.frames] == [number * 100_000_000 for number in truth.numbers]
-    assert drive.skipped == ({} if layout in ("odometry", "semantic") else {ASSUMED: 4})
+    start_ns = drive.frames[0].time_ns
+    assert (start_ns > 0) == (layout == "kitti360")
+    assert [frame.time_ns - start_ns for frame in drive.frames] == [n * 100_000_000 for n in truth.numbers]
+    assert drive.skipped == ({} if layout in ("odometry", "semantic", "kitti360") else {ASSUMED: 4})
 
 
 def test_points_are_where_they_were_at_the_frames_time(truth: TinySequence) -> None:
@@ -85,10 +89,11 @@ def test_poses_are_the_true_ones(truth: TinySequence, layout: str) -> None:
 def test_the_car_lies_on_the_pixels_of_the_car(truth: TinySequence, layout: str) -> None:
     drive = open_only(truth)
     (camera,) = drive.cameras
-    assert camera.name == ("image_02" if layout == "tracking" else "image_2")
+    assert camera.name == {"tracking": "image_02", "kitti360": "image_00"}.get(layout, "image_2")
     number = truth.numbers[2]
     image, points = drive.image(number, camera.name), drive.points(number)
-    assert image is not None and image.time_ns == number * 100_000_000
+    delay_ns = CAMERA_DELAY_NS if layout == "kitti360" else 0
+    assert image is not None and image.time_ns == drive.frames[2].time_ns + delay_ns
     assert image.rgb.shape == (37, 124, 3)
     if layout != "delft":  # whose camera looks another way than the picture was drawn
         uv_px, _, visible = project_camera(camera, points.xyz_ego_m[points.intensity > 0.7])
@@ -108,9 +113,9 @@ def test_the_road_is_below(truth: TinySequence, layout: str) -> None:
 
 def test_labels_are_the_true_ones(truth: TinySequence, layout: str) -> None:
     drive, source = open_only(truth), KittiLabels(truth.root)
-    if layout in ("odometry", "semantic"):
+    if layout in ("odometry", "semantic", "kitti360"):
         for read in (source.labels, source.frames):
-            with pytest.raises(BadInput, match="a set without boxes"):
+            with pytest.raises(BadInput, match="reads no boxes"):
                 read(truth.segment)
         return
     check_labels(source, drive)
@@ -128,7 +133,7 @@ def test_labels_are_the_true_ones(truth: TinySequence, layout: str) -> None:
 def test_files_are_all_that_make_the_drive(truth: TinySequence, layout: str) -> None:
     files = open_only(truth).files
     kinds = sorted({path.suffix for path in files})
-    expected = {"object": 12, "delft": 16, "tracking": 10, "odometry": 11, "semantic": 11}
+    expected = {"object": 12, "delft": 16, "tracking": 10, "odometry": 11, "semantic": 11, "kitti360": 14}
     assert len(files) == expected[layout], kinds
     assert not [path for path in files if "label" in str(path)]
 
@@ -216,6 +221,15 @@ def test_a_missing_sweep_of_a_tracking_sequence_is_counted(tmp_path: Path) -> No
     np.testing.assert_allclose(drive.points(4).xyz_ego_m, truth.xyz_ego_m[4], atol=1e-3)
 
 
+def test_a_frame_of_kitti360_without_pose_is_counted(tmp_path: Path) -> None:
+    truth = write_kitti360(tmp_path)
+    (path,) = tmp_path.rglob("poses.txt")
+    path.write_text("".join(path.read_text().splitlines(keepends=True)[1:]))
+    drive = open_only(truth)
+    assert [frame.index for frame in drive.frames] == [1, 2, 3]
+    assert drive.skipped == {"sweep without pose": 1}
+
+
 def test_sequences_of_all_kinds_lie_side_by_side(tmp_path: Path) -> None:
     write_tracking(tmp_path / "tracking", sequence="0000")
     write_tracking(tmp_path / "tracking", sequence="0001")
@@ -288,6 +302,9 @@ BAD = {
     "pose: too few": ("delft", change("00001.json", "[", "[7, "), "no odomToCamera of 16 numbers"),
     "pose: text": ("delft", change("00001.json", "[", '["a", '), "no odomToCamera of 16 numbers"),
     "pose: another": ("delft", change("00001.json", "odomTo", "To"), "no odomToCamera of 16 numbers"),
+    "pose: no frame": ("kitti360", change("poses.txt", "0 ", "0.5 "), "begins with 0.5, expected the number"),
+    "pose: too many": ("kitti360", change("poses.txt", "0 ", "0 7 "), "14 fields; expected 13"),
+    "mount: too few": ("kitti360", change("calib_cam_to_velo.txt", " ", ""), "11 fields; expected 12"),
     "pose: no rotation": ("delft", change("00001.json", "[", "[5"), "odomToCamera is not a rotation"),
 }
 

@@ -43,7 +43,7 @@ class Calibration:
     files: tuple[Path, ...]
 
 
-class _Fields:
+class CalibrationFields:
     """The `key: values` lines of one calibration file."""
 
     def __init__(self, path: Path, line_format: re.Pattern[str] = re.compile(r"([^:]*):(.*)")) -> None:
@@ -60,18 +60,22 @@ class _Fields:
         return key in self._lines and bool(self._lines[key][1].strip())
 
     def where(self, key: str) -> str:
+        """Return file and line of a key."""
         return self._lines[key][0]
 
     def numbers(self, key: str, count: int) -> Array:
+        """Return the numbers of a key; raises `BadInput` where there are not so many."""
         if key not in self._lines:
             raise BadInput(f"{self.path} has no line {key!r}; copy the file from the data set again")
         where, text = self._lines[key]
         return numbers(text, count, where)
 
     def rotation(self, key: str) -> Array:
+        """Return the (3, 3) rotation of a key."""
         return check_rotation(self.numbers(key, 9).reshape(3, 3), f"{self.where(key)}: {key}")
 
     def pose(self) -> Array:
+        """Return the (4, 4) of the keys R and T."""
         translation_m = self.numbers("T", 3)
         self.check_on_car("T", translation_m)
         return rigid(self.rotation("R"), translation_m)
@@ -84,9 +88,11 @@ class _Fields:
         return rigid(rotation, matrix[:, 3])
 
     def first_of(self, keys: tuple[str, ...]) -> str | None:
+        """Return the first of these keys that has numbers."""
         return next((key for key in keys if key in self), None)
 
     def check_on_car(self, key: str, translation_m: Array) -> None:
+        """Raise `BadInput` where a sensor would not be on the car."""
         if not np.abs(translation_m).max() <= MAX_ON_CAR_M:
             raise BadInput(
                 f"{self.where(key)}: {key} moves by {np.abs(translation_m).max():.3g} m, expected at most "
@@ -104,19 +110,21 @@ def read_calibration(folder: Path) -> Calibration:
         The calibration; raises `BadInput` for a line that is not what it has to be.
     """
     paths = [folder / f"calib_{name}.txt" for name in ("velo_to_cam", "cam_to_cam", "imu_to_velo")]
-    velo_to_cam, cam_to_cam, imu_to_velo = (_Fields(path) if path.is_file() else None for path in paths)
+    velo_to_cam, cam_to_cam, imu_to_velo = (
+        CalibrationFields(path) if path.is_file() else None for path in paths
+    )
     files = tuple(path for path in paths if path.is_file())
     ego_from_imu = imu_to_velo.pose() if imu_to_velo else None
     if velo_to_cam is None or cam_to_cam is None:
         return Calibration(None, ego_from_imu, {}, files)
     rect_from_ego = rigid(cam_to_cam.rotation("R_rect_00"), np.zeros(3)) @ velo_to_cam.pose()
     cameras = {
-        f"image_{number}": _camera(
+        f"image_{number}": rectified_camera(
             cam_to_cam,
             f"P_rect_{number}",
             rect_from_ego,
             f"image_{number}",
-            _size_px(cam_to_cam, f"S_rect_{number}"),
+            picture_size_px(cam_to_cam, f"S_rect_{number}"),
         )
         for number in _NUMBERS
         if f"P_rect_{number}" in cam_to_cam
@@ -139,7 +147,7 @@ def read_benchmark_calibration(
     """
     if not path.is_file():
         return Calibration(None, None, {}, ())
-    fields = _Fields(path, _LINE)
+    fields = CalibrationFields(path, _LINE)
     imu = fields.first_of(_IMU_TO_VELO)
     ego_from_imu = fields.matrix(imu) if imu else None
     velo = fields.first_of(_VELO_TO_CAM)
@@ -150,14 +158,15 @@ def read_benchmark_calibration(
     if rectification:
         rect_from_ego = rigid(fields.rotation(rectification), np.zeros(3)) @ rect_from_ego
     cameras = {
-        name: _camera(fields, f"P{number}", rect_from_ego, name, sizes_px.get(name))
+        name: rectified_camera(fields, f"P{number}", rect_from_ego, name, sizes_px.get(name))
         for number, name in enumerate(names)
         if f"P{number}" in fields
     }
     return Calibration(rect_from_ego, ego_from_imu, cameras, (path,))
 
 
-def _size_px(fields: _Fields, key: str) -> tuple[int, int]:
+def picture_size_px(fields: CalibrationFields, key: str) -> tuple[int, int]:
+    """Return width and height of pictures; raises `BadInput` where they are none."""
     size_px = fields.numbers(key, 2)
     if not ((size_px >= 1) & (size_px <= _MOST_WIDTH_PX)).all() or not np.array_equal(
         size_px, np.round(size_px)
@@ -166,9 +175,28 @@ def _size_px(fields: _Fields, key: str) -> tuple[int, int]:
     return int(size_px[0]), int(size_px[1])
 
 
-def _camera(
-    fields: _Fields, key: str, rect_from_ego: Array, name: str, size_px: tuple[int, int] | None
+def rectified_camera(
+    fields: CalibrationFields,
+    key: str,
+    rect_from_ego: Array,
+    name: str,
+    size_px: tuple[int, int] | None,
+    *,
+    is_reference: bool = False,
 ) -> Camera:
+    """Return a camera whose pictures are rectified.
+
+    Args:
+        fields: Its calibration file.
+        key: The key of its projection [K | k].
+        rect_from_ego: (4, 4) from LiDAR axes to those of the rectified reference camera.
+        name: The name of the camera.
+        size_px: Width and height of its pictures; None where nobody knows them.
+        is_reference: Whether it is itself the reference camera, whatever k says.
+
+    Raises:
+        BadInput: It is no pinhole camera on the car.
+    """
     projection = fields.numbers(key, 12).reshape(3, 4)
     intrinsic = projection[:, :3]
     if not _is_pinhole(intrinsic):
@@ -176,10 +204,10 @@ def _camera(
             f"{fields.where(key)}: {key} is not [K | k] of a pinhole camera with a "
             f"focal length of {_FOCAL_PX[0]:g} to {_FOCAL_PX[1]:g} pixels; copy the file again"
         )
-    if size_px is None:  # nobody has a picture: the centre is near the middle
+    if size_px is None:  # the centre is near the middle
         size_px = _twice(intrinsic[0, 2]), _twice(intrinsic[1, 2])
     # P = K [I | t]: t leads from the reference camera to this one, the baseline and its small rest.
-    baseline_m = np.linalg.solve(intrinsic, projection[:, 3])
+    baseline_m = np.zeros(3) if is_reference else np.linalg.solve(intrinsic, projection[:, 3])
     fields.check_on_car(key, baseline_m)
     camera_from_rect = rigid(np.eye(3), baseline_m)
     return Camera(

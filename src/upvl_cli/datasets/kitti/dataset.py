@@ -1,4 +1,4 @@
-"""KITTI's recordings, read in place: raw, object, tracking and odometry, told apart by what is there."""
+"""KITTI's recordings, read in place: raw, object, tracking, odometry and KITTI-360, told apart by what is there."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from pathlib import Path
 from types import MappingProxyType
 
 from upvl_cli.datasets.kitti.drive import KittiDrive
+from upvl_cli.datasets.kitti.kitti360 import FOLDER as KITTI360_FOLDER
+from upvl_cli.datasets.kitti.kitti360 import open_kitti360
 from upvl_cli.datasets.kitti.object import find_runs, open_object
 from upvl_cli.datasets.kitti.odometry import open_odometry
 from upvl_cli.datasets.kitti.raw import open_raw
@@ -21,8 +23,8 @@ from upvl_cli.errors import BadInput
 
 _EXPECTED = (
     "<root>/2011_09_26/2011_09_26_drive_0001_sync/velodyne_points/data/0000000000.bin (raw), "
-    "training/velodyne/000000.bin (object), training/velodyne/0000/000000.bin (tracking) or "
-    "sequences/00/velodyne/000000.bin (odometry)"
+    "training/velodyne/000000.bin (object), training/velodyne/0000/000000.bin (tracking) "
+    "sequences/00/velodyne/000000.bin (odometry) or data_3d_raw/<drive>/velodyne_points/data/0000000000.bin (KITTI-360)"
 )
 _RAW, _OTHERS = "velodyne_points", "velodyne"
 _DEPTH = 3  # folders between the root and that of a drive: `dataset/sequences/00`
@@ -110,7 +112,8 @@ def _drive_folders(folder: Path, depth: int) -> Iterator[Path]:
 def _segments_of(folder: Path) -> Iterator[tuple[str, KittiSegment]]:
     """Yield name and drive of each of the drives of a folder."""
     if (folder / _RAW).is_dir():
-        yield folder.name, KittiSegment(folder, partial(open_raw, folder))
+        opener = open_kitti360 if folder.parent.name == KITTI360_FOLDER else open_raw
+        yield folder.name, KittiSegment(folder, partial(opener, folder))
         return
     sweeps = folder / _OTHERS
     if numbered_files(sweeps, (".bin",)):

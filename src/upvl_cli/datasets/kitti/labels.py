@@ -26,6 +26,7 @@ _TYPES = {
     **dict.fromkeys(("Pedestrian", "Person", "Person (sitting)", "Person_sitting"), 2),
     "Cyclist": 4,
 }
+_SETS = {"odometry": "the odometry set", "kitti360": "KITTI-360"}
 _LABELLED_CAMERAS = ("image_02", "image_2")  # KITTI labels what its left colour camera sees
 
 
@@ -94,7 +95,9 @@ def _tracklets_path(drive: KittiDrive) -> Path:
 
 def _object_files(drive: KittiDrive) -> dict[int, Path]:
     if drive.layout not in ("raw", "object"):
-        raise BadInput(f"{drive.name} is of a set without boxes ({drive.layout}): nothing to score against")
+        raise BadInput(
+            f"{drive.name} is a drive of {_SETS[drive.layout]}, of which upvl reads no boxes: nothing to score against"
+        )
     folder = drive.folder / ("object_label_2" if drive.layout == "raw" else "label_2")
     files = numbered_files(folder, (".txt",))
     if not files:

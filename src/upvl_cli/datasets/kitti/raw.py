@@ -7,19 +7,25 @@ oxts record. Everything left out is counted.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from upvl_cli.datasets.kitti import twist
-from upvl_cli.datasets.kitti.calibration import read_calibration
+from upvl_cli.datasets.kitti.calibration import Calibration, read_calibration
 from upvl_cli.datasets.kitti.drive import KittiDrive, complete_frames
 from upvl_cli.datasets.kitti.oxts import Record, world_from_ego
-from upvl_cli.datasets.kitti.pictures import CAMERAS, calibrated_cameras, picture_files, pictures_of_frames
+from upvl_cli.datasets.kitti.pictures import (
+    CAMERAS,
+    Picture,
+    calibrated_cameras,
+    picture_files,
+    pictures_of_frames,
+)
 from upvl_cli.datasets.kitti.timestamps import read_timestamps, times_of_frames
 from upvl_cli.datasets.shared.content import read_text
 from upvl_cli.datasets.shared.numbered_files import numbered_files
 from upvl_cli.errors import BadInput
-from upvl_cli.types import Array
+from upvl_cli.types import Array, Camera, Frame
 
 
 def open_raw(folder: Path) -> KittiDrive:
@@ -35,16 +41,11 @@ def open_raw(folder: Path) -> KittiDrive:
     sweep_folder = _data(folder / "velodyne_points")
     sweeps = numbered_files(sweep_folder, (".bin",))
     times_path = folder / "velodyne_points/timestamps.txt"
-    times = _sweep_times(times_path, sweeps)
+    times = sweep_times(times_path, sweeps)
     needed = {"oxts record": records} if records else {}
     frames = complete_frames(sweeps, times, needed, skipped, sweep_folder, times_path)
     files = picture_files({name: _data(folder / name) for name in CAMERAS})
-    cameras = calibrated_cameras(files, calibration.cameras, skipped)
-    pictures = {}
-    for camera in cameras:
-        paths = files[camera.name]
-        picture_times = _picture_times(folder / camera.name, paths, skipped)
-        pictures[camera.name] = pictures_of_frames(camera.name, paths, frames, picture_times, skipped)
+    cameras, pictures, _ = read_pictures(folder, files, calibration, frames, skipped)
     images = (picture.path for of_camera in pictures.values() for picture in of_camera.values())
     time_files = (path for path in folder.glob("*/timestamps.txt") if path.parent.name != "oxts")
     return KittiDrive(
@@ -68,20 +69,42 @@ def _data(folder: Path) -> Path:
     return folder / "data" if (folder / "data").is_dir() else folder
 
 
-def _sweep_times(path: Path, sweeps: Mapping[int, Path]) -> dict[int, int]:
+def sweep_times(path: Path, sweeps: Mapping[int, Path]) -> dict[int, int]:
+    """Return the time of each frame number by a `timestamps.txt`; raises `BadInput` where it is missing."""
     if not path.is_file():
         raise BadInput(f"{path} is missing; without the time of each sweep no speed is known: copy it again")
     return times_of_frames(read_timestamps(path), sweeps, path)
 
 
-def _picture_times(
-    folder: Path, paths: Mapping[int, Path], skipped: Counter[str]
-) -> Mapping[int, int] | None:
-    path = folder / "timestamps.txt"
-    if path.is_file():
-        return times_of_frames(read_timestamps(path), paths, path)
-    skipped[f"{folder.name} pictures without timestamps.txt, taken at the times of the sweeps"] = len(paths)
-    return None
+def read_pictures(
+    folder: Path,
+    files: Mapping[str, Mapping[int, Path]],
+    calibration: Calibration,
+    frames: Sequence[Frame],
+    skipped: Counter[str],
+) -> tuple[tuple[Camera, ...], dict[str, dict[int, Picture]], list[Path]]:
+    """Return the cameras, their pictures at their own times, and the files of these times.
+
+    Args:
+        folder: The folder with `<camera>/timestamps.txt`.
+        files: The pictures of each camera, by frame number.
+        calibration: The calibration.
+        frames: The frames of the drive.
+        skipped: What is left out, by reason.
+    """
+    cameras = calibrated_cameras(files, calibration.cameras, skipped)
+    pictures, time_files = {}, []
+    for camera in cameras:
+        paths, path = files[camera.name], folder / camera.name / "timestamps.txt"
+        times = None
+        if path.is_file():
+            times = times_of_frames(read_timestamps(path), paths, path)
+            time_files.append(path)
+        else:
+            reason = f"{camera.name} pictures without timestamps.txt, taken at the times of the sweeps"
+            skipped[reason] = len(paths)
+        pictures[camera.name] = pictures_of_frames(camera.name, paths, frames, times, skipped)
+    return cameras, pictures, time_files
 
 
 def _poses(records: Mapping[int, Path], numbers: list[int], ego_from_imu: Array | None) -> Array | None:
