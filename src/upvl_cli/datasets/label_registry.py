@@ -35,6 +35,12 @@ def _kitti(root: Path, dataset: Any) -> LabelSource:
     return KittiLabels(root)
 
 
+def _parquet(root: Path, dataset: Any) -> LabelSource:
+    from upvl_cli.datasets.parquet.labels import ParquetLabels
+
+    return ParquetLabels(root, dataset)
+
+
 def _nuscenes(root: Path, dataset: Any) -> LabelSource:
     from upvl_cli.datasets.nuscenes.labels import NuScenesLabels
 
@@ -58,6 +64,7 @@ LABELS: dict[str, Callable[[Path, Any], LabelSource]] = {
     "argoverse2": _argoverse2,
     "kitti": _kitti,
     "nuscenes": _nuscenes,
+    "parquet": _parquet,
     "synthetic": _city,
 }
 TRUE_FLOW: dict[str, Callable[[Path, Any], FlowSource]] = {"synthetic": _city_flow}

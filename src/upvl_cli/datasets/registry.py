@@ -46,6 +46,12 @@ def _kitti(root: Path, config: None) -> Dataset:
     return Kitti(root)
 
 
+def _parquet(root: Path, config: None) -> Dataset:
+    from upvl_cli.datasets.parquet.dataset import ParquetDrives
+
+    return ParquetDrives(root)
+
+
 def _nuscenes(root: Path, config: None) -> Dataset:
     from upvl_cli.datasets.nuscenes.dataset import NuScenes
 
@@ -67,6 +73,7 @@ def _synthetic(root: Path, config: CityConfig) -> Dataset:
 DATASETS: dict[str, DatasetFamily] = {
     "argoverse2": DatasetFamily(_argoverse2),
     "kitti": DatasetFamily(_kitti),
+    "parquet": DatasetFamily(_parquet),
     "nuscenes": DatasetFamily(_nuscenes),
     "synthetic": DatasetFamily(_synthetic, CityConfig),
 }
