@@ -99,18 +99,18 @@ def test_a_log_without_poses_leaves_them_to_odometry(log: Log) -> None:
 def test_between_poses_the_car_turns_evenly() -> None:
     from scipy.spatial.transform import Rotation
 
-    from upvl_cli.datasets.argoverse2.poses import Trajectory, poses_at
+    from upvl_cli.datasets.argoverse2.poses import CityTrajectory, poses_at
 
     ends = np.tile(np.eye(4), (2, 1, 1))
     ends[1, :3, :3] = Rotation.from_euler("z", 40, degrees=True).as_matrix()
     ends[1, :3, 3] = [4, 0, 0]
-    pose, known = poses_at(Trajectory(np.array([0, 400_000_000]), ends), np.array([100_000_000, -1]))
+    pose, known = poses_at(CityTrajectory(np.array([0, 400_000_000]), ends), np.array([100_000_000, -1]))
     assert known.tolist() == [True, False]
     np.testing.assert_allclose(
         Rotation.from_matrix(pose[0, :3, :3]).as_euler("zyx", degrees=True), [10, 0, 0]
     )
     np.testing.assert_allclose(pose[0, :3, 3], [1, 0, 0])
-    _, known = poses_at(Trajectory(np.array([0, 600_000_000]), ends), np.array([100_000_000]))
+    _, known = poses_at(CityTrajectory(np.array([0, 600_000_000]), ends), np.array([100_000_000]))
     assert not known[0], "across a long gap nobody knows"
 
 

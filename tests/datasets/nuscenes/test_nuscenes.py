@@ -204,6 +204,14 @@ def test_a_test_split_has_no_labels(tables: Tables) -> None:
     ("table", "change", "message"),
     [
         ("sample_data", {"filename": "../../etc/passwd"}, "expected the relative path of a file below"),
+        ("sample_data", {"filename": "samples/../../x"}, "expected the relative path of a file below"),
+        ("sample_data", {"filename": "/etc/passwd"}, "expected the relative path of a file below"),
+        (
+            "sample_data",
+            {"filename": "samples/x\ny"},
+            "names 'samples/x\\ny', expected the relative path of a file",
+        ),
+        ("sensor", {"channel": "LIDAR\nTOP"}, "channel of row 's-lidar' is 'LIDAR\\nTOP', expected a name"),
         (
             "sample_data",
             {"timestamp": "soon"},

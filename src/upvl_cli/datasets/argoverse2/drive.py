@@ -17,7 +17,7 @@ from upvl_cli.datasets.argoverse2.ground_height import (
     height_files,
     read_heights,
 )
-from upvl_cli.datasets.argoverse2.poses import Trajectory, poses_at, read_trajectory
+from upvl_cli.datasets.argoverse2.poses import CityTrajectory, poses_at, read_trajectory
 from upvl_cli.datasets.argoverse2.sweep import read_sweep
 from upvl_cli.datasets.shared.numbered_files import describe_files, numbered_files
 from upvl_cli.datasets.shared.paths import find
@@ -60,7 +60,7 @@ class ArgoverseDrive:
 
     name: str
     folder: Path
-    trajectory: Trajectory | None
+    trajectory: CityTrajectory | None
     frames: tuple[Frame, ...]
     sweeps: Mapping[int, Path]
     cameras: tuple[Camera, ...]

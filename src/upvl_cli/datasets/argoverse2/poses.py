@@ -17,7 +17,7 @@ TRANSLATION = ("tx_m", "ty_m", "tz_m")
 _MAX_GAP_NS = 500_000_000  # poses are 5 to 10 ms apart; across a longer gap nobody knows how the car went
 
 
-class Trajectory(NamedTuple):
+class CityTrajectory(NamedTuple):
     """Poses at ascending times.
 
     Attributes:
@@ -29,7 +29,7 @@ class Trajectory(NamedTuple):
     city_from_ego: Array
 
 
-def read_trajectory(path: Path) -> Trajectory:
+def read_trajectory(path: Path) -> CityTrajectory:
     """Return the poses of `city_SE3_egovehicle.feather`.
 
     Raises:
@@ -41,10 +41,10 @@ def read_trajectory(path: Path) -> Trajectory:
     xyz_m = np.stack([values(table, name, "float64", path) for name in TRANSLATION], axis=-1)
     pose = check_pose(rigid(quaternion_rotation(wxyz, f"{path}: a rotation"), xyz_m), f"{path}: pose")
     time_ns, first = np.unique(time_ns, return_index=True)
-    return Trajectory(time_ns, pose[first])
+    return CityTrajectory(time_ns, pose[first])
 
 
-def poses_at(trajectory: Trajectory, time_ns: Array) -> tuple[Array, Bools]:
+def poses_at(trajectory: CityTrajectory, time_ns: Array) -> tuple[Array, Bools]:
     """Return (n, 4, 4) poses at any times, and (n,) whether each is known.
 
     A pose at another time than the given ones lies between its two neighbors, on a straight line and turned evenly.

@@ -14,8 +14,8 @@ import numpy as np
 from upvl_cli.datasets.nuscenes.calibration import camera_of, ego_from_sensor, poses_of
 from upvl_cli.datasets.nuscenes.ego_points import is_at_lidar, is_on_zoe
 from upvl_cli.datasets.nuscenes.layout import Scene
-from upvl_cli.datasets.nuscenes.pictures import Sweep, pictures_of
-from upvl_cli.datasets.nuscenes.records import Channel, Record, lidar_of, read_channels
+from upvl_cli.datasets.nuscenes.pictures import IndexedSweep, pictures_of
+from upvl_cli.datasets.nuscenes.records import Channel, SensorFile, lidar_of, read_channels
 from upvl_cli.datasets.shared.pictures import read_picture
 from upvl_cli.datasets.shared.point_files.read import read_points
 from upvl_cli.datasets.shared.road_height import road_height_m
@@ -44,10 +44,10 @@ class NuScenesDrive:
 
     name: str
     frames: tuple[Frame, ...]
-    sweeps: Mapping[int, Record]
+    sweeps: Mapping[int, SensorFile]
     ego_from_lidar: Array
     cameras: tuple[Camera, ...]
-    pictures: Mapping[str, Mapping[int, Record]]
+    pictures: Mapping[str, Mapping[int, SensorFile]]
     world_from_ego: Array | None
     kind: str
     skipped_at_opening: Mapping[str, int]
@@ -165,7 +165,9 @@ def _poses(scene: Scene, lidar: Channel) -> dict[str, Array]:
     return dict(zip([row["token"] for row in rows], poses_of(rows, table.path), strict=True))
 
 
-def _sweeps(scene: Scene, lidar: Channel, poses: Mapping[str, Array], skipped: Counter[str]) -> list[Sweep]:
+def _sweeps(
+    scene: Scene, lidar: Channel, poses: Mapping[str, Array], skipped: Counter[str]
+) -> list[IndexedSweep]:
     """Return the sweeps that have a file and a pose; their index counts all sweeps of the scene."""
     sweeps = []
     for index, record in enumerate(lidar.records):
@@ -174,7 +176,7 @@ def _sweeps(scene: Scene, lidar: Channel, poses: Mapping[str, Array], skipped: C
         elif record.pose_token not in poses:
             skipped["sweep without pose"] += 1
         else:
-            sweeps.append(Sweep(index, record))
+            sweeps.append(IndexedSweep(index, record))
     if not sweeps:
         reasons = ", ".join(f"{count} {reason}" for reason, count in skipped.items())
         raise BadInput(

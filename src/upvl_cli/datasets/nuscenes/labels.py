@@ -13,7 +13,7 @@ from upvl_cli.datasets.nuscenes.dataset import NuScenes
 from upvl_cli.datasets.nuscenes.drive import NuScenesDrive
 from upvl_cli.datasets.nuscenes.layout import Scene, Tables
 from upvl_cli.datasets.nuscenes.records import time_of
-from upvl_cli.datasets.nuscenes.tables import Row, Table, number_of, numbers_of, row_name, shown, text_of
+from upvl_cli.datasets.nuscenes.tables import KeyedTable, Row, number_of, numbers_of, row_name, shown, text_of
 from upvl_cli.datasets.shared.tracks import count_points, velocities_of_tracks
 from upvl_cli.errors import BadInput
 from upvl_cli.geometry.se3 import apply, compose, from_yaw, inverse, wrap_angle, yaw_of
@@ -114,7 +114,7 @@ def _key_frames(drive: NuScenesDrive, scene: Scene) -> dict[str, int]:
 def _annotations(scene: Scene, samples: set[str]) -> dict[str, list[Annotation]]:
     """Return the boxes of each sample; raises `BadInput` where the scene has none at all."""
     tables = scene.tables
-    table = Table(tables.folder / "sample_annotation.json", "sample_token")
+    table = KeyedTable(tables.folder / "sample_annotation.json", "sample_token")
     if not table.path.is_file():
         raise BadInput(f"{tables.folder} has no labels; expected sample_annotation.json")
     rows = table.rows(samples)
@@ -135,7 +135,7 @@ def _annotations(scene: Scene, samples: set[str]) -> dict[str, list[Annotation]]
 
 def _class_names(tables: Tables, instances: set[str]) -> dict[str, str]:
     """Return the category of each object."""
-    path, instance = tables.folder / "category.json", Table(tables.folder / "instance.json", "token")
+    path, instance = tables.folder / "category.json", KeyedTable(tables.folder / "instance.json", "token")
     categories = tables.by_token("category.json")
     names = {}
     for row in instance.rows(instances):
@@ -154,7 +154,7 @@ def _attributes(tables: Tables) -> Mapping[str, str]:
 
 
 def _annotation(
-    row: Row, table: Table, names: Mapping[str, str], attributes: Mapping[str, str]
+    row: Row, table: KeyedTable, names: Mapping[str, str], attributes: Mapping[str, str]
 ) -> Annotation:
     path, instance = table.path, text_of(row, "instance_token", table.path)
     if instance not in names:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
-from upvl_cli.datasets.nuscenes.tables import Row, Table, read_table, text_of
+from upvl_cli.datasets.nuscenes.tables import KeyedTable, Row, read_table, text_of
 from upvl_cli.datasets.shared.content import unreadable
 from upvl_cli.datasets.shared.paths import check_segment_name
 from upvl_cli.errors import BadInput
@@ -39,19 +39,19 @@ class Tables:
         return self.folder.name == "annotation"
 
     @cached_property
-    def samples(self) -> Table:
+    def samples(self) -> KeyedTable:
         """The samples (key frames) by scene."""
-        return Table(self.folder / "sample.json", "scene_token")
+        return KeyedTable(self.folder / "sample.json", "scene_token")
 
     @cached_property
-    def sample_data(self) -> Table:
+    def sample_data(self) -> KeyedTable:
         """The files of all sensors by sample."""
-        return Table(self.folder / "sample_data.json", "sample_token")
+        return KeyedTable(self.folder / "sample_data.json", "sample_token")
 
     @cached_property
-    def ego_poses(self) -> Table:
+    def ego_poses(self) -> KeyedTable:
         """The poses of the car by token."""
-        return Table(self.folder / "ego_pose.json", "token")
+        return KeyedTable(self.folder / "ego_pose.json", "token")
 
     @cached_property
     def mounts(self) -> dict[str, Row]:

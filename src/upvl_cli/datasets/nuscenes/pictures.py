@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from upvl_cli.datasets.nuscenes.records import Record
+from upvl_cli.datasets.nuscenes.records import SensorFile
 
 # A picture belongs to the turn of the LiDAR in which it was taken, which ends at the time of the sweep.
 _MAX_PERIODS = 1.5
@@ -15,14 +15,14 @@ _PERIOD_NS = 100_000_000  # for a scene with one sweep
 
 
 @dataclass(frozen=True)
-class Sweep:
+class IndexedSweep:
     """One frame: its index and its file."""
 
     index: int
-    record: Record
+    record: SensorFile
 
 
-def pictures_of(sweeps: Sequence[Sweep], records: Sequence[Record]) -> dict[int, Record]:
+def pictures_of(sweeps: Sequence[IndexedSweep], records: Sequence[SensorFile]) -> dict[int, SensorFile]:
     """Return the picture of each sweep by frame index; cameras are slower than the LiDAR, so many have none.
 
     A picture of a key frame belongs to the sweep of that key frame, any other one to the sweep that was being measured
@@ -37,7 +37,7 @@ def pictures_of(sweeps: Sequence[Sweep], records: Sequence[Record]) -> dict[int,
     }
     times_ns = np.array([sweep.record.time_ns for sweep in sweeps], dtype=np.int64)
     period_ns = float(np.median(np.diff(times_ns))) if len(sweeps) > 1 else _PERIOD_NS
-    pictures: dict[int, tuple[tuple[bool, int], Record]] = {}
+    pictures: dict[int, tuple[tuple[bool, int], SensorFile]] = {}
     for record in records:
         of_key_frame = record.is_key_frame and record.sample in key_frames
         place = key_frames[record.sample] if of_key_frame else int(np.searchsorted(times_ns, record.time_ns))

@@ -18,7 +18,7 @@ _LIDARS = ("LIDAR_TOP", "LIDAR_CONCAT")
 
 
 @dataclass(frozen=True)
-class Record:
+class SensorFile:
     """One file of a sensor.
 
     Attributes:
@@ -52,7 +52,7 @@ class Channel:
     name: str
     modality: str
     mount: Row
-    records: tuple[Record, ...]
+    records: tuple[SensorFile, ...]
 
 
 def read_channels(scene: Scene, skipped: Counter[str]) -> dict[str, Channel]:
@@ -147,10 +147,10 @@ def _is_valid(row: Row, name: str, skipped: Counter[str]) -> bool:
     return True
 
 
-def _record(row: Row, tables: Tables) -> Record:
+def _record(row: Row, tables: Tables) -> SensorFile:
     path = tables.sample_data.path
     width, height = (row.get(name) or 0 for name in ("width", "height"))
-    return Record(
+    return SensorFile(
         path=_file_of(row, tables),
         time_ns=time_of(row, path),
         sample=text_of(row, "sample_token", path),

@@ -41,7 +41,7 @@ def read_table(path: Path) -> list[Row]:
     return rows
 
 
-class Table:
+class KeyedTable:
     """A large table whose rows are found by one key; the file is not opened before the first search."""
 
     def __init__(self, path: Path, key: str) -> None:
