@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
@@ -59,17 +61,41 @@ class Annotation:
     num_points: int
 
 
+class LabelTables:
+    """The tables of labels of one folder, read once for all its scenes."""
+
+    def __init__(self, tables: Tables) -> None:
+        self._tables = tables
+        self.annotations = KeyedTable(tables.folder / "sample_annotation.json", "sample_token")
+        self.instances = KeyedTable(tables.folder / "instance.json", "token")
+
+    @cached_property
+    def categories(self) -> dict[str, str]:
+        """Names of the categories by token."""
+        return self._names("category.json")
+
+    @cached_property
+    def attributes(self) -> dict[str, str]:
+        """Names of the attributes by token; empty where there is no such table."""
+        return self._names("attribute.json") if (self._tables.folder / "attribute.json").is_file() else {}
+
+    def _names(self, name: str) -> dict[str, str]:
+        path = self._tables.folder / name
+        return {token: text_of(row, "name", path) for token, row in self._tables.by_token(name).items()}
+
+
 class NuScenesLabels:
     """The boxes of scenes: those of the key frames, and linear between two neighboring ones for the frames between."""
 
     def __init__(self, dataset: NuScenes) -> None:
         self._dataset = dataset
+        self._tables: dict[Path, LabelTables] = {}
 
     def labels(self, segment: str) -> Labels:
         """Return all boxes of `frames`; raises `BadInput` where the scene has none."""
         drive, scene = self._dataset.open(segment), self._dataset.scene(segment)
         keys = _key_frames(drive, scene)
-        boxes = _annotations(scene, set(keys))
+        boxes = self._annotations(scene, set(keys))
         by_sample = list(keys)
         parts = {frame: _in_ego_axes(boxes[sample], frame, drive) for sample, frame in keys.items()}
         for first, second in pairwise(by_sample):
@@ -88,13 +114,18 @@ class NuScenesLabels:
         """Return the index of each frame from the first key frame to the last; raises `BadInput` without labels."""
         drive, scene = self._dataset.open(segment), self._dataset.scene(segment)
         keys = _key_frames(drive, scene)
-        _annotations(scene, set(keys))
+        self._annotations(scene, set(keys))
         index = np.array([frame.index for frame in drive.frames])
         return index[(index >= min(keys.values())) & (index <= max(keys.values()))]
 
     def covers(self, segment: str, xyz_ego_m: Array) -> Bools:
         """Return true for each place: labels reach as far as the LiDAR, all round."""
         return np.ones(len(xyz_ego_m), dtype=np.bool_)
+
+    def _annotations(self, scene: Scene, samples: set[str]) -> dict[str, list[Annotation]]:
+        folder = scene.tables.folder
+        tables = self._tables.setdefault(folder, LabelTables(scene.tables))
+        return _annotations(scene, samples, tables)
 
 
 def _key_frames(drive: NuScenesDrive, scene: Scene) -> dict[str, int]:
@@ -111,20 +142,18 @@ def _key_frames(drive: NuScenesDrive, scene: Scene) -> dict[str, int]:
     return dict(sorted(frames.items(), key=lambda item: item[1]))
 
 
-def _annotations(scene: Scene, samples: set[str]) -> dict[str, list[Annotation]]:
+def _annotations(scene: Scene, samples: set[str], tables: LabelTables) -> dict[str, list[Annotation]]:
     """Return the boxes of each sample; raises `BadInput` where the scene has none at all."""
-    tables = scene.tables
-    table = KeyedTable(tables.folder / "sample_annotation.json", "sample_token")
+    table = tables.annotations
     if not table.path.is_file():
-        raise BadInput(f"{tables.folder} has no labels; expected sample_annotation.json")
+        raise BadInput(f"{scene.tables.folder} has no labels; expected sample_annotation.json")
     rows = table.rows(samples)
     if not rows:
         raise BadInput(f"{table.path} has no label of {scene.name}, as all scenes of a test split")
     names = _class_names(tables, {text_of(row, "instance_token", table.path) for row in rows})
-    attributes = _attributes(tables)
     boxes: dict[str, list[Annotation]] = {sample: [] for sample in samples}
     for row in rows:
-        boxes[row["sample_token"]].append(_annotation(row, table, names, attributes))
+        boxes[row["sample_token"]].append(_annotation(row, table, names, tables.attributes))
     for sample, here in boxes.items():
         if len({box.instance for box in here}) < len(here):
             raise BadInput(
@@ -133,24 +162,17 @@ def _annotations(scene: Scene, samples: set[str]) -> dict[str, list[Annotation]]
     return boxes
 
 
-def _class_names(tables: Tables, instances: set[str]) -> dict[str, str]:
+def _class_names(tables: LabelTables, instances: set[str]) -> dict[str, str]:
     """Return the category of each object."""
-    path, instance = tables.folder / "category.json", KeyedTable(tables.folder / "instance.json", "token")
-    categories = tables.by_token("category.json")
-    names = {}
-    for row in instance.rows(instances):
-        category = categories.get(text_of(row, "category_token", instance.path))
-        if category is None:
-            raise BadInput(f"{path} has no category of the instance {row_name(row)}; copy the tables again")
-        names[row["token"]] = text_of(category, "name", path)
+    names, path = {}, tables.instances.path
+    for row in tables.instances.rows(instances):
+        name = tables.categories.get(text_of(row, "category_token", path))
+        if name is None:
+            raise BadInput(
+                f"{path} names a category of {row_name(row)} that category.json lacks; copy both again"
+            )
+        names[row["token"]] = name
     return names
-
-
-def _attributes(tables: Tables) -> Mapping[str, str]:
-    path = tables.folder / "attribute.json"
-    if not path.is_file():
-        return {}
-    return {token: text_of(row, "name", path) for token, row in tables.by_token("attribute.json").items()}
 
 
 def _annotation(
