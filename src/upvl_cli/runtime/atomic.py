@@ -14,7 +14,6 @@ from typing import IO
 
 from upvl_cli.errors import UpvlError, one_line
 
-
 # What file systems without locks answer: some network shares, containers and phones.
 _NO_LOCKS = {errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS}
 _warned_folders: set[Path] = set()

@@ -107,7 +107,8 @@ def damage_text(path: Path, data: st.DataObject) -> None:
 
 def damage_sweep(path: Path, data: st.DataObject) -> None:
     """Change numbers, columns and the type of a sweep."""
-    values = np.fromfile(path, "<f4").reshape(-1, 4).astype(np.float64)
+    with np.errstate(invalid="ignore"):
+        values = np.fromfile(path, "<f4").reshape(-1, 4).astype(np.float64)
     how = data.draw(st.sampled_from(["values", "columns", "type", "no return", "few"]))
     dtype = "<f4"
     if how == "values":
@@ -126,7 +127,8 @@ def damage_sweep(path: Path, data: st.DataObject) -> None:
         values[:, :3] = data.draw(st.sampled_from([np.nan, 0.0]))
     else:
         values = values[: data.draw(st.integers(0, 70))]
-    values.astype(dtype).tofile(path)
+    with np.errstate(all="ignore"):
+        values.astype(dtype).tofile(path)
 
 
 def flip(content: bytes, data: st.DataObject) -> bytes:

@@ -24,6 +24,8 @@ TURNS = {
     "even": ({0: 0, 1: 100 * MS, 2: 200 * MS}, 0.1),
     "rounded to 10 ms": ({0: 0, 1: 100 * MS, 2: 210 * MS}, 0.105),
     "a lost turn": ({0: 0, 1: 100 * MS, 2: 200 * MS, 3: 400 * MS, 4: 500 * MS}, 0.1),
+    "a time that goes back": ({0: 0, 1: 100 * MS, 2: 50 * MS, 3: 150 * MS}, 0.1),
+    "only times that go back": ({0: 100 * MS, 1: 0}, 0.0),
     "every tenth sweep": ({0: 0, 1: 1000 * MS, 2: 2000 * MS}, 0.0),
 }
 

@@ -18,6 +18,7 @@ from upvl_cli.datasets.kitti.calibration import (
 from upvl_cli.datasets.kitti.drive import KittiDrive, complete_frames
 from upvl_cli.datasets.kitti.pictures import picture_files, sizes_px
 from upvl_cli.datasets.kitti.raw import read_pictures, sweep_times
+from upvl_cli.datasets.kitti.sequence import check_poses
 from upvl_cli.datasets.kitti.timestamps import read_lines
 from upvl_cli.datasets.shared.content import read_text
 from upvl_cli.datasets.shared.numbered_files import numbered_files
@@ -100,7 +101,7 @@ def _read_calibration(folder: Path, found_px: Mapping[str, tuple[int, int]]) -> 
 
 def _read_poses(path: Path) -> dict[int, Array]:
     """Return the (4, 4) pose of the inertial unit of each frame number that has one: it has none while it stands."""
-    poses: dict[int, Array] = {}
+    rows: dict[int, tuple[Array, str]] = {}
     for number, line in enumerate(read_lines(path), start=1):
         if not line.strip():
             continue
@@ -110,5 +111,8 @@ def _read_poses(path: Path) -> dict[int, Array]:
             raise BadInput(
                 f"{where} begins with {values[0]:g}, expected the number of a frame; copy the file again"
             )
-        poses[int(values[0])] = check_pose(values[1:].reshape(3, 4), where)
-    return poses
+        rows[int(values[0])] = values[1:].reshape(3, 4), where
+    if not rows:
+        return {}
+    poses = check_poses([row for row, _ in rows.values()], [where for _, where in rows.values()])
+    return dict(zip(rows, poses, strict=True))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,11 +18,16 @@ import numpy as np
 
 from upvl_cli.datasets.kitti.drive import KittiDrive, complete_frames
 from upvl_cli.datasets.kitti.pictures import SHORT_CAMERAS
-from upvl_cli.datasets.kitti.sequence import SequenceFiles, nominal_times, read_cameras, sequence_drive
+from upvl_cli.datasets.kitti.sequence import (
+    SequenceFiles,
+    check_poses,
+    nominal_times,
+    read_cameras,
+    sequence_drive,
+)
 from upvl_cli.datasets.kitti.timestamps import NOMINAL_STEP_NS, TIMES_ASSUMED
 from upvl_cli.datasets.shared.content import read_bytes, read_text
 from upvl_cli.datasets.shared.numbered_files import numbered_files
-from upvl_cli.datasets.shared.poses import check_pose
 from upvl_cli.errors import BadInput, one_line
 from upvl_cli.types import Array
 
@@ -101,7 +107,10 @@ def open_object(run: ObjectRun) -> KittiDrive:
     paths: list[Path] = []
     if has_poses and calibration.rect_from_ego is not None:
         paths = [pose_files[frame.index] for frame in frames]
-        poses = np.stack([_read_pose(path) for path in paths]) @ calibration.rect_from_ego
+        world_from_camera = check_poses(
+            [_read_pose(path) for path in paths], [f"{path}: {_POSE}" for path in paths]
+        )
+        poses = world_from_camera @ calibration.rect_from_ego
     others = [*paths, *(calibration_files[number] for number in run.sweeps if number in calibration_files)]
     files = SequenceFiles(run.name, run.split, "object", run.sweeps, pictures, calibration, tuple(others))
     return sequence_drive(
@@ -113,25 +122,25 @@ def _digest(path: Path | None) -> bytes:
     return hashlib.sha256(read_bytes(path)).digest() if path else b""
 
 
-def _place(path: Path) -> Array | None:
+def _place(path: Path) -> list[float] | None:
     """Return where the camera is; None where the file does not say it, which opening the drive tells."""
     try:
-        return np.asarray(_read_pose(path)[:3, 3])
+        return [float(value) for value in _read_pose(path)[:3, 3]]
     except BadInput:
         return None
 
 
-def _is_cut(before: int, after: int, places: Mapping[int, Array | None]) -> bool:
+def _is_cut(before: int, after: int, places: Mapping[int, list[float] | None]) -> bool:
     """Return whether two frames that follow each other are of two recordings."""
     here, there = places.get(before), places.get(after)
     if after - before > _MAX_GAP or here is None or there is None:
         return after - before > _MAX_GAP
     seconds = (after - before) * NOMINAL_STEP_NS / 1e9
-    return bool(np.linalg.norm(there - here) > _MAX_JUMP_M + _MAX_SPEED_MPS * seconds)
+    return math.dist(here, there) > _MAX_JUMP_M + _MAX_SPEED_MPS * seconds
 
 
 def _read_pose(path: Path) -> Array:
-    """Return (4, 4) of one frame: a file holds one JSON object a line, or one in all."""
+    """Return the (4, 4) matrix of one frame, not checked: a file holds one JSON object a line, or one in all."""
     try:
         parsed = [json.loads(line) for line in read_text(path).splitlines() if line.strip()]
     except (ValueError, RecursionError) as error:
@@ -140,7 +149,6 @@ def _read_pose(path: Path) -> Array:
     if not isinstance(values, list) or len(values) != 16 or not all(type(v) in (int, float) for v in values):
         raise BadInput(f"{path} has no {_POSE} of 16 numbers; copy it again")
     try:
-        matrix = np.array(values, dtype=np.float64).reshape(4, 4)
+        return np.array(values, dtype=np.float64).reshape(4, 4)
     except OverflowError:
         raise BadInput(f"{path}: {_POSE} holds a number without end; copy it again") from None
-    return check_pose(matrix, f"{path}: {_POSE}")

@@ -11,7 +11,13 @@ import numpy as np
 from upvl_cli.datasets.kitti import twist
 from upvl_cli.datasets.kitti.drive import KittiDrive, complete_frames
 from upvl_cli.datasets.kitti.pictures import SHORT_CAMERAS
-from upvl_cli.datasets.kitti.sequence import SequenceFiles, nominal_times, read_cameras, sequence_drive
+from upvl_cli.datasets.kitti.sequence import (
+    SequenceFiles,
+    check_poses,
+    nominal_times,
+    read_cameras,
+    sequence_drive,
+)
 from upvl_cli.datasets.kitti.timestamps import (
     TIMES_ASSUMED,
     lines_of_frames,
@@ -21,7 +27,6 @@ from upvl_cli.datasets.kitti.timestamps import (
 )
 from upvl_cli.datasets.shared.numbered_files import numbered_files
 from upvl_cli.datasets.shared.numbers import numbers
-from upvl_cli.datasets.shared.poses import check_pose
 from upvl_cli.types import Array
 
 
@@ -80,5 +85,5 @@ def _pose_lines(path: Path, sweeps: Mapping[int, Path]) -> dict[int, tuple[str, 
 def _world_from_ego(lines: list[tuple[str, str]], rect_from_ego: Array) -> Array:
     """Return (T, 4, 4) poses of the LiDAR, in the axes of the LiDAR at the pose of camera 0 that is the origin."""
     rows = [numbers(text, 12, where).reshape(3, 4) for text, where in lines]
-    poses = np.stack([check_pose(row, where) for row, (_, where) in zip(rows, lines, strict=True)])
+    poses = check_poses(rows, [where for _, where in lines])
     return np.asarray(np.linalg.inv(rect_from_ego) @ poses @ rect_from_ego)

@@ -7,10 +7,14 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from upvl_cli.datasets.kitti.calibration import Calibration, read_benchmark_calibration
 from upvl_cli.datasets.kitti.drive import KittiDrive, Layout
 from upvl_cli.datasets.kitti.pictures import calibrated_cameras, picture_files, pictures_of_frames, sizes_px
 from upvl_cli.datasets.kitti.timestamps import NOMINAL_STEP_NS
+from upvl_cli.datasets.shared.poses import check_pose
+from upvl_cli.errors import BadInput
 from upvl_cli.types import Array, Frame
 
 
@@ -103,3 +107,21 @@ def sequence_drive(
 def nominal_times(numbers: Collection[int]) -> dict[int, int]:
     """Return the time of each frame number, ten a second from 0: where nobody wrote them down."""
     return {number: number * NOMINAL_STEP_NS for number in numbers}
+
+
+def check_poses(matrices: Sequence[Array], places: Sequence[str]) -> Array:
+    """Return (T, 4, 4) poses.
+
+    Args:
+        matrices: The (3, 4) or (4, 4) matrix of each.
+        places: File and line of each, for the message.
+
+    Raises:
+        BadInput: One is no rigid transform.
+    """
+    try:
+        return check_pose(
+            np.stack(matrices), "poses"
+        )  # all at once: one by one takes as long as reading them
+    except BadInput:
+        return np.stack([check_pose(matrix, place) for matrix, place in zip(matrices, places, strict=True)])

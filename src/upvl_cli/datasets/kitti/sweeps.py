@@ -18,8 +18,6 @@ from upvl_cli.types import Array
 
 _ROWS = RowLayout("<f4", 4)  # x, y, z, reflectance
 _PLACES = RowLayout("<f4", 3)  # as some tools write it, without reflectance
-# So much from the middle of a file shows its columns, at a tenth of the time that the whole takes.
-_SAMPLE_BYTES = 900 * _ROWS.row_bytes
 
 LIDAR_HEIGHT_M = 1.73  # the Velodyne above the road: Geiger et al., IJRR 2013, figure 3
 _SAME_CAR_M = 0.3  # the measured height of another car's LiDAR differs by more, or nothing shows it
@@ -38,15 +36,13 @@ def read_sweep(path: Path) -> Array:
         BadInput: The file is missing, cut off, or holds anything else; the message names what.
     """
     content = read_bytes(path)
-    middle = len(content) // 2 // _ROWS.row_bytes * _ROWS.row_bytes
-    if content and len(content) % _ROWS.row_bytes == 0:
-        # Short files show nothing; the whole of others is looked at below where the sample shows something else.
-        sample = recognise_rows(content[middle : middle + _SAMPLE_BYTES])
+    found = recognise_rows(content)
+    if found == _ROWS and len(content) % _ROWS.row_bytes == 0:
         values = np.frombuffer(content, dtype=_ROWS.dtype).reshape(-1, 4)
         # One pass over what is nearly always in order; NaN fails every comparison.
-        if sample == _ROWS and np.abs(values).max() <= MOST_M:
+        if np.abs(values).max() <= MOST_M:
             return values
-    if len(content) % _PLACES.row_bytes == 0 and recognise_rows(content) == _PLACES:
+    if found == _PLACES and len(content) % _PLACES.row_bytes == 0:
         points = read_bin(content, 3, str(path))
     else:
         points = parse_points(content, 4, str(path))

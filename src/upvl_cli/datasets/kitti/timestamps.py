@@ -67,8 +67,8 @@ def lines_of_frames(
 ) -> dict[int, int]:
     """Return which line of a file, counted from 0, belongs to each frame number.
 
-    Line k is of frame number k wherever there are lines for all numbers. A recording that starts at another
-    number and has exactly as many lines as files has one a file, in their order.
+    Line k is of frame number k wherever there are more lines than files, and where the files start at 0. A recording
+    that starts at another number and has exactly as many lines as files has one a file, in their order.
 
     Args:
         lines: How many lines there are.
@@ -80,7 +80,7 @@ def lines_of_frames(
         BadInput: It cannot be known which line belongs to which file.
     """
     ordered, count = sorted(files), len(files)
-    if not ordered or lines > ordered[-1] or lines > count or (lines < count and ordered[0] == 0):
+    if not ordered or lines > count or (lines < count and ordered[0] == 0):
         return {number: number for number in range(lines)}
     has_gap = ordered[-1] - ordered[0] + 1 != count
     if lines == count and (not has_gap or (same_pace is not None and same_pace(ordered))):

@@ -25,6 +25,7 @@ def turn_s(time_ns: Mapping[int, int]) -> float:
         time_ns: Time of each frame number.
     """
     steps_ns = np.array([time_ns[frame + 1] - time_ns[frame] for frame in time_ns if frame + 1 in time_ns])
+    steps_ns = steps_ns[steps_ns > 0]  # times without a sweep may be wrong: nobody needs them
     if not len(steps_ns):
         return 0.0
     # Times can be rounded to 10 ms, so the mean; but without the steps over turns that were lost.
