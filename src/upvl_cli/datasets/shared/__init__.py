@@ -1,1 +1,1 @@
-"""What dataset adapters share."""
+"""What adapters of datasets share: files, text, numbers, poses, pictures, tables; each wrong one is one clear line."""
