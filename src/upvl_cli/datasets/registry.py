@@ -52,9 +52,16 @@ def _synthetic(root: Path, config: CityConfig) -> Dataset:
     return City(config)
 
 
+def _waymo(root: Path, config: None) -> Dataset:
+    from upvl_cli.datasets.waymo.dataset import Waymo
+
+    return Waymo(root)
+
+
 DATASETS: dict[str, DatasetFamily] = {
     "kitti": DatasetFamily(_kitti),
     "synthetic": DatasetFamily(_synthetic, CityConfig),
+    "waymo": DatasetFamily(_waymo),
 }
 
 
