@@ -18,7 +18,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from upvl_cli.datasets.shared.thrift import Fields, Long, ShortInput, read_struct, write_struct
+from upvl_cli.datasets.shared.thrift import Fields, Long, ShortInput, read_struct, read_varint, write_struct
 from upvl_cli.errors import BadInput, one_line
 from upvl_cli.types import Array, Bools, Ints
 
@@ -255,7 +255,7 @@ class ColumnChunk:
     def _decode(self, file: int, page: PageHeader) -> DecodedPage:
         stored = self._bytes(file, page.position, page.stored_bytes)
         widths = (self._most_repetition.bit_length(), self._most_definition.bit_length())
-        levels: list[Array | None] = []
+        levels: list[LevelRuns | None] = []
         if page.level_bytes is not None:
             middle, end = page.level_bytes[0], sum(page.level_bytes)
             blocks = [memoryview(stored)[:middle], memoryview(stored)[middle:end]]
@@ -271,14 +271,14 @@ class ColumnChunk:
                 content = content[4 + length :] if width else content
         for block, width in zip(blocks, widths, strict=True):
             try:
-                levels.append(unpack(block, width, page.entries) if width else None)
+                levels.append(read_levels(block, width, page.entries) if width else None)
             except ValueError:
                 raise self._damage(f"the page at byte {page.position} lacks levels") from None
         repetition, definition = levels
-        starts = np.arange(page.entries) if repetition is None else np.flatnonzero(repetition == 0)
-        present = None if definition is None else definition == self._most_definition
-        if present is not None and present.all():
-            present = None
+        starts = np.arange(page.entries) if repetition is None else repetition.positions(0)
+        present = None
+        if definition is not None and not definition.all_equal(self._most_definition):
+            present = definition.expanded() == self._most_definition
         count = page.entries if present is None else int(np.count_nonzero(present))
         return DecodedPage(starts, present, self._values(file, page, content, count))
 
@@ -307,11 +307,14 @@ class ColumnChunk:
         pages.append(write_struct(header) + content)
         single = _single_column_file(pages, _TYPES[self._type], count)
         try:
-            column = pq.read_table(pa.BufferReader(single), use_threads=False).column(0).combine_chunks()
+            # Equal byte strings stay one: a page of a thousand equal pictures is small.
+            equal = ["x"] if len(pages) == 2 and not plain else None
+            reader = pq.ParquetFile(pa.BufferReader(single), read_dictionary=equal)
+            column = reader.read(use_threads=False).column(0)
+            column = column.chunk(0) if column.num_chunks == 1 else pa.concat_arrays(column.chunks)
             column.validate()
         except (pa.ArrowException, OSError, ValueError, MemoryError) as error:
             raise self._damage(f"a page cannot be decoded ({one_line(error)[:120]})") from None
-        column = column.chunk(0) if isinstance(column, pa.ChunkedArray) else column
         if len(column) != count:
             raise self._damage(f"a page has {len(column)} values, expected {count}")
         return column.to_numpy() if plain else column
@@ -340,47 +343,70 @@ def _single_column_file(pages: list[bytes], kind: int, count: int) -> bytes:
     return b"".join([b"PAR1", body, footer, len(footer).to_bytes(4, "little"), b"PAR1"])
 
 
-def unpack(content: memoryview, bit_width: int, count: int) -> Array:
-    """Return (count,) numbers from Parquet's hybrid of runs and packed bits, as uint8.
+@dataclass(frozen=True)
+class LevelRuns:
+    """Levels of the entries of a page, as runs of equal ones."""
+
+    levels: Array
+    lengths: Array
+
+    def all_equal(self, level: int) -> bool:
+        """Return whether every level is this one."""
+        return bool((self.levels == level).all())
+
+    def positions(self, level: int) -> Ints:
+        """Return the entries of this level, ascending."""
+        starts = np.cumsum(self.lengths) - self.lengths
+        of_level = self.levels == level
+        lengths = self.lengths[of_level]
+        inside = np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+        return np.asarray(np.repeat(starts[of_level], lengths) + inside)
+
+    def expanded(self) -> Array:
+        """Return the level of each entry."""
+        return np.repeat(self.levels, self.lengths)
+
+
+def read_levels(content: memoryview, bit_width: int, count: int) -> LevelRuns:
+    """Return levels from Parquet's hybrid of runs and packed bits.
 
     Args:
-        content: The encoded numbers.
-        bit_width: 1 to 8.
+        content: The encoded levels.
+        bit_width: Bits of each.
         count: How many they are.
 
     Raises:
         ValueError: The bytes end too early.
     """
-    parts, found, position = [], 0, 0
-    size = len(content)
+    levels, lengths = [np.zeros(0, np.uint8)], [np.zeros(0, np.int64)]
+    found = position = 0
     while found < count:
-        head, shift = 0, 0
-        while True:
-            if position >= size or shift > 35:
-                raise ValueError("the levels end too early")
-            byte = content[position]
-            position += 1
-            head |= (byte & 127) << shift
-            shift += 7
-            if byte < 128:
-                break
-        length = head >> 1
+        try:
+            head, position = read_varint(content, position)
+        except IndexError:
+            raise ValueError("the levels end too early") from None
+        length = min(head >> 1, count)
         if head & 1:
-            packed = np.frombuffer(content[position : position + length * bit_width], np.uint8)
-            bits = np.unpackbits(packed, bitorder="little")
-            numbers = bits[: len(bits) // bit_width * bit_width].reshape(-1, bit_width)
-            values = (numbers << np.arange(bit_width, dtype=np.uint8)).sum(axis=1, dtype=np.uint8)
-            position += length * bit_width
+            stop = position + length * bit_width
+            values = _unpack(content[position:stop], bit_width)[: count - found]
+            levels.append(values)
+            lengths.append(np.ones(len(values), np.int64))
+            length, position = len(values), stop
         else:
-            if position >= size:
-                raise ValueError("the levels end too early")
-            values = np.full(min(length, count - found), content[position], np.uint8)
+            length = min(length, count - found)
+            levels.append(np.frombuffer(content[position : position + 1], np.uint8))
+            lengths.append(np.array([length]))
             position += 1
-        if not len(values):
-            raise ValueError("a run of levels is empty")
-        parts.append(values[: count - found])
-        found += len(parts[-1])
-    return np.concatenate(parts) if len(parts) != 1 else parts[0]
+        if not length or not len(levels[-1]):
+            raise ValueError("the levels end too early")
+        found += length
+    return LevelRuns(np.concatenate(levels), np.concatenate(lengths))
+
+
+def _unpack(content: memoryview, bit_width: int) -> Array:
+    bits = np.unpackbits(np.frombuffer(content, np.uint8), bitorder="little")
+    numbers = bits[: len(bits) // bit_width * bit_width].reshape(-1, bit_width)
+    return (numbers << np.arange(bit_width, dtype=np.uint8)).sum(axis=1, dtype=np.uint8)
 
 
 def _number(fields: Fields, number: int) -> int:

@@ -51,7 +51,7 @@ def read_struct(content: bytes, position: int, depth: int = 0) -> tuple[Fields, 
             elif kind <= _FALSE:
                 fields[number] = kind == _TRUE
             elif kind == _BINARY:
-                length, position = _varint(content, position)
+                length, position = read_varint(content, position)
                 if position + length > len(content):
                     raise ShortInput("a text ends too early")
                 fields[number] = content[position : position + length]
@@ -69,7 +69,13 @@ def read_struct(content: bytes, position: int, depth: int = 0) -> tuple[Fields, 
         raise ShortInput("a structure ends too early") from None
 
 
-def _varint(content: bytes, position: int) -> tuple[int, int]:
+def read_varint(content: bytes | memoryview, position: int) -> tuple[int, int]:
+    """Return a number of 7 bits a byte, and the position after it.
+
+    Raises:
+        IndexError: The bytes end too early.
+        ValueError: The number has more than 64 bits.
+    """
     byte = content[position]
     if byte < 128:
         return byte, position + 1
@@ -86,7 +92,7 @@ def _varint(content: bytes, position: int) -> tuple[int, int]:
 
 
 def _signed(content: bytes, position: int) -> tuple[int, int]:
-    value, position = _varint(content, position)
+    value, position = read_varint(content, position)
     return (value >> 1) ^ -(value & 1), position
 
 

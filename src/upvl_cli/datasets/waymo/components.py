@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import threading
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +15,9 @@ from upvl_cli.datasets.shared import arrow
 from upvl_cli.datasets.shared.parquet_columns import BytesColumn, ListColumn
 from upvl_cli.datasets.shared.poses import check_pose
 from upvl_cli.datasets.waymo.calibration import LaserCalibration, camera_calibration, laser_calibration
-from upvl_cli.datasets.waymo.names import CAMERAS, LASERS
+from upvl_cli.datasets.waymo.names import CAMERAS, LASERS, RETURNS
 from upvl_cli.datasets.waymo.range_images import POSE_CHANNELS, PROJECTION_CHANNELS, RANGE_CHANNELS
-from upvl_cli.datasets.waymo.source import check_shape
+from upvl_cli.datasets.waymo.source import LaserImage, check_shape
 from upvl_cli.errors import BadInput
 from upvl_cli.types import Array, Bools, Camera, Ints
 
@@ -123,38 +124,41 @@ class RangeImages:
         self._prefix, self._channels = f"[{name}].range_image_return", channels
         shapes = [f"{self._prefix}{number}.shape" for number in (1, 2)]
         self.rows = KeyedRows(path, LASER, segment, shapes)
+        self._frame_rows: dict[int, list[tuple[int, int]]] = {}
+        for (stamp, laser), row in sorted(self.rows.row.items(), key=itemgetter(1)):
+            self._frame_rows.setdefault(stamp, []).append((row, laser))
         self._columns: dict[int, tuple[ListColumn, Array] | None] = {}
         self._lock = threading.Lock()
 
-    def read(self, timestamp_us: int, laser: int, return_number: int) -> Array | None:
-        """Return (height, width, channels), or None where it is missing.
+    def images(self, timestamp_us: int) -> Iterator[LaserImage]:
+        """Yield laser, return and (height, width, channels) of a frame, in the order of the file.
+
+        Two rows often share a page of the file: in this order it is read once.
 
         Args:
             timestamp_us: Time stamp of the frame.
-            laser: Waymo's number of the laser.
-            return_number: 1 or 2.
 
         Raises:
             BadInput: The file is damaged.
         """
-        row = self.rows.row.get((timestamp_us, laser))
-        if row is None:
-            return None
+        for return_number in RETURNS:
+            for row, laser in self._frame_rows.get(timestamp_us, []):
+                image = self._read(row, return_number)
+                if image is not None:
+                    yield laser, return_number, image
+
+    def _read(self, row: int, return_number: int) -> Array | None:
         with self._lock:
             if return_number not in self._columns:
                 self._columns[return_number] = self._open(return_number)
         opened = self._columns[return_number]
-        if opened is None:
+        if opened is None or not opened[1][row].any():
             return None
         column, shapes = opened
-        if not shapes[row].any():
-            return None
         where = f"{self.rows.path}, row {row}: return {return_number}"
         shape = check_shape(tuple(shapes[row].tolist()), self._channels, where)
         values = column.row(row)
-        if values is None:
-            return None
-        return values.reshape(shape)
+        return None if values is None else values.reshape(shape)
 
     def _open(self, return_number: int) -> tuple[ListColumn, Array] | None:
         name = f"{self._prefix}{return_number}.shape"
@@ -243,17 +247,18 @@ class ComponentSegment:
             )
         return skipped
 
-    def range_image(self, timestamp_us: int, laser: int, return_number: int) -> Array | None:
-        """Return (height, width, 4) of a return, or None where it is missing."""
-        return self._ranges.read(timestamp_us, laser, return_number) if self._ranges else None
+    def range_images(self, timestamp_us: int) -> Iterator[LaserImage]:
+        """Yield the (height, width, 4) of each return of a frame, in the order of the file."""
+        return self._ranges.images(timestamp_us) if self._ranges else iter(())
 
     def pixel_poses(self, timestamp_us: int, laser: int) -> Array | None:
         """Return (height, width, 6), or None where it is missing."""
-        return self._pixel_poses.read(timestamp_us, laser, 1) if self._pixel_poses else None
+        found = self._pixel_poses.images(timestamp_us) if self._pixel_poses else iter(())
+        return next((image for number, _, image in found if number == laser), None)
 
-    def projection(self, timestamp_us: int, laser: int, return_number: int) -> Array | None:
-        """Return (height, width, 6), or None where it is missing."""
-        return self._projections.read(timestamp_us, laser, return_number) if self._projections else None
+    def projections(self, timestamp_us: int) -> Iterator[LaserImage]:
+        """Yield the (height, width, 6) of each return of a frame, in the order of the file."""
+        return self._projections.images(timestamp_us) if self._projections else iter(())
 
     def picture(self, timestamp_us: int, camera: int) -> tuple[bytes, float] | None:
         """Return the JPEG and the time of its pose (s; NaN where unknown), or None where it is missing."""

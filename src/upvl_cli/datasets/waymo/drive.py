@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import threading
 from collections import Counter, OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TypeVar
 
@@ -15,14 +15,16 @@ import numpy as np
 
 from upvl_cli.datasets.shared.pictures import read_picture
 from upvl_cli.datasets.shared.times import check_frames
-from upvl_cli.datasets.waymo.names import CAMERAS, RETURNS
+from upvl_cli.datasets.waymo.names import CAMERAS
 from upvl_cli.datasets.waymo.range_images import LaserReturn, laser_return, pixels_with_return
-from upvl_cli.datasets.waymo.source import SegmentSource
+from upvl_cli.datasets.waymo.source import LaserImage, SegmentSource
 from upvl_cli.errors import BadInput
 from upvl_cli.types import Array, Camera, Floats, Frame, Image, Ints, Points
 
 _CACHED_FRAMES = 3  # two threads read a frame's points and its pictures
 _MAX_PICTURE_DELAY_S = 10.0  # after the frame's time; real ones are taken within a tenth of a second
+
+_NO_PIXELS = np.zeros(0, np.int64)
 
 T = TypeVar("T")
 
@@ -66,7 +68,7 @@ class WaymoDrive:
         self.skipped: Mapping[str, int] = {reason: count for reason, count in skipped.items() if count}
         self.cameras: tuple[Camera, ...] = tuple(source.cameras[camera] for camera in sorted(source.cameras))
         self.files: tuple[Path, ...] = source.files
-        self._pixels: OrderedDict[int, list[tuple[int, int, Ints]]] = OrderedDict()
+        self._pixels: OrderedDict[int, dict[tuple[int, int], Ints]] = OrderedDict()
         self._projections: OrderedDict[int, Array] = OrderedDict()
         self._lock = threading.Lock()
 
@@ -78,24 +80,21 @@ class WaymoDrive:
             )
         return self.timestamps_us[frame]
 
-    def _images(self, frame: int) -> list[tuple[int, int, Array]]:
-        """Return laser, return and range image of each return of a frame."""
+    def _images(self, frame: int) -> Iterator[LaserImage]:
+        """Return the range images of a frame, of calibrated lasers."""
         stamp = self._timestamp_us(frame)
         if stamp not in self.source.sweeps:
             raise BadInput(
                 f"{self.source.where}: segment {self.name} has no LiDAR sweep (its range images are missing or "
                 "empty), only poses, pictures or labels; get the component lidar, or the whole record"
             )
-        found = []
-        for laser in sorted(self.source.lasers):
-            for return_number in RETURNS:
-                image = self.source.range_image(stamp, laser, return_number)
-                if image is not None:
-                    found.append((laser, return_number, image))
-        return found
+        return (image for image in self.source.range_images(stamp) if image[0] in self.source.lasers)
 
     def returns(self, frame: int) -> list[LaserReturn]:
         """Return the points of a frame by laser and return, in double precision and with all that Waymo gives.
+
+        Args:
+            frame: Index of the frame.
 
         Raises:
             BadInput: There is no such frame, or its files are damaged.
@@ -105,14 +104,13 @@ class WaymoDrive:
         where = f"{self.source.where}, frame {stamp}"
         pixel_poses: dict[int, Array | None] = {}
         found = []
-        for laser, return_number, image in self._images(frame):
+        for laser, number, image in self._images(frame):
             if laser not in pixel_poses:
                 pixel_poses[laser] = self.source.pixel_poses(stamp, laser)
             calibration = self.source.lasers[laser]
-            found.append(
-                laser_return(laser, return_number, image, calibration, pixel_poses[laser], pose, where)
-            )
-        self._remember(self._pixels, frame, [(item.laser, item.return_number, item.pixel) for item in found])
+            found.append(laser_return(laser, number, image, calibration, pixel_poses[laser], pose, where))
+        found.sort(key=lambda item: (item.laser, item.return_number))
+        self._remember(self._pixels, frame, {(item.laser, item.return_number): item.pixel for item in found})
         return found
 
     def points(self, frame: int) -> Points:
@@ -145,23 +143,26 @@ class WaymoDrive:
         return self._cached(self._projections, frame, self._read_projections)
 
     def _read_projections(self, frame: int) -> Array:
-        stamp = self._timestamp_us(frame)
-        parts = [np.zeros((0, 6), np.float32)]
-        for laser, return_number, pixel in self._cached(self._pixels, frame, self._read_pixels):
-            image = self.source.projection(stamp, laser, return_number)
-            if image is None:
-                parts.append(np.zeros((len(pixel), 6), np.float32))
-            elif len(pixel) and pixel[-1] >= image.shape[0] * image.shape[1]:
+        pixels = self._cached(self._pixels, frame, self._read_pixels)
+        count = [len(pixel) for pixel in pixels.values()]
+        first = dict(zip(pixels, np.cumsum([0, *count]).tolist(), strict=False))
+        found = np.zeros((sum(count), 6), np.float32, order="F")  # cameras are looked for by column
+        for laser, number, image in self.source.projections(self._timestamp_us(frame)):
+            pixel = pixels.get((laser, number), _NO_PIXELS)
+            if not len(pixel):
+                continue
+            if pixel[-1] >= image.shape[0] * image.shape[1]:
                 raise BadInput(
-                    f"{self.source.where}, frame {stamp}: laser {laser}, return {return_number} has a camera "
-                    f"projection of {image.shape[:2]} pixels, smaller than its range image; copy the file again"
+                    f"{self.source.where}, frame {self._timestamp_us(frame)}: laser {laser}, return {number} has a "
+                    f"camera projection of {image.shape[:2]} pixels, smaller than its range image; copy it again"
                 )
-            else:
-                parts.append(image.reshape(-1, 6)[pixel].astype(np.float32))
-        return np.concatenate(parts)
+            start = first[laser, number]
+            found[start : start + len(pixel)] = image.reshape(-1, 6)[pixel]
+        return found
 
-    def _read_pixels(self, frame: int) -> list[tuple[int, int, Ints]]:
-        return [(laser, number, pixels_with_return(image)) for laser, number, image in self._images(frame)]
+    def _read_pixels(self, frame: int) -> dict[tuple[int, int], Ints]:
+        found = {(laser, number): pixels_with_return(image) for laser, number, image in self._images(frame)}
+        return dict(sorted(found.items()))
 
     def _cached(self, cache: OrderedDict[int, T], frame: int, read: Callable[[int], T]) -> T:
         with self._lock:
@@ -197,10 +198,10 @@ class WaymoDrive:
         projections, size = self.projections(frame), self.source.cameras[number]
         pixels = np.full((len(projections), 2), np.nan)
         for first in (3, 0):
-            seen = projections[:, first] == number
-            pixels[seen] = projections[seen, first + 1 : first + 3]
-        inside = (pixels >= 0) & (pixels < [size.width_px, size.height_px])
-        pixels[~inside.all(axis=1)] = np.nan
+            seen = np.flatnonzero(projections[:, first] == number)
+            x, y = projections[seen, first + 1], projections[seen, first + 2]
+            inside = (x >= 0) & (x < size.width_px) & (y >= 0) & (y < size.height_px)
+            pixels[seen[inside], 0], pixels[seen[inside], 1] = x[inside], y[inside]
         return pixels
 
     def _camera_number(self, camera: str) -> int:

@@ -5,16 +5,17 @@ from __future__ import annotations
 import threading
 import zlib
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 
 from upvl_cli.datasets.shared.poses import check_pose
 from upvl_cli.datasets.waymo.calibration import LaserCalibration, camera_calibration, laser_calibration
+from upvl_cli.datasets.waymo.names import RETURNS
 from upvl_cli.datasets.waymo.range_images import POSE_CHANNELS, PROJECTION_CHANNELS, RANGE_CHANNELS
 from upvl_cli.datasets.waymo.records import Record, read_records
-from upvl_cli.datasets.waymo.source import check_shape
+from upvl_cli.datasets.waymo.source import LaserImage, check_shape
 from upvl_cli.datasets.waymo.wire import Message, unpack_varints
 from upvl_cli.errors import BadInput
 from upvl_cli.types import Array, Camera
@@ -89,20 +90,26 @@ class RecordSegment:
         message = self._laser_messages(timestamp_us).get(laser)
         return memoryview(b"") if message is None else message.message(_RETURN[return_number]).block(field)
 
-    def range_image(self, timestamp_us: int, laser: int, return_number: int) -> Array | None:
-        """Return (height, width, 4) of a return, or None where it is missing."""
-        content = self._compressed(timestamp_us, laser, return_number, _RANGE)
-        return self._matrix(content, timestamp_us, RANGE_CHANNELS, is_float=True)
+    def range_images(self, timestamp_us: int) -> Iterator[LaserImage]:
+        """Yield the (height, width, 4) of each return of a frame."""
+        return self._images(timestamp_us, _RANGE, RANGE_CHANNELS)
+
+    def projections(self, timestamp_us: int) -> Iterator[LaserImage]:
+        """Yield the (height, width, 6) of each return of a frame."""
+        return self._images(timestamp_us, _PROJECTION, PROJECTION_CHANNELS)
+
+    def _images(self, timestamp_us: int, field: int, channels: int) -> Iterator[LaserImage]:
+        for laser in self._laser_messages(timestamp_us):
+            for return_number in RETURNS:
+                content = self._compressed(timestamp_us, laser, return_number, field)
+                image = self._matrix(content, timestamp_us, channels, is_float=field == _RANGE)
+                if image is not None:
+                    yield laser, return_number, image
 
     def pixel_poses(self, timestamp_us: int, laser: int) -> Array | None:
         """Return (height, width, 6), or None where it is missing."""
         content = self._compressed(timestamp_us, laser, 1, _PIXEL_POSE)
         return self._matrix(content, timestamp_us, POSE_CHANNELS, is_float=True)
-
-    def projection(self, timestamp_us: int, laser: int, return_number: int) -> Array | None:
-        """Return (height, width, 6), or None where it is missing."""
-        content = self._compressed(timestamp_us, laser, return_number, _PROJECTION)
-        return self._matrix(content, timestamp_us, PROJECTION_CHANNELS, is_float=False)
 
     def _matrix(self, content: memoryview, stamp: int, channels: int, *, is_float: bool) -> Array | None:
         """Return a compressed `MatrixFloat` or `MatrixInt32`, None for one that is empty."""

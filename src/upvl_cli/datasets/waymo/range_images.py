@@ -14,6 +14,8 @@ from upvl_cli.types import Array, Bools, Floats, Ints
 
 RANGE_CHANNELS, POSE_CHANNELS, PROJECTION_CHANNELS = 4, 6, 6
 _MAX_RANGE_M = 1e4  # a LiDAR sees a few hundred metres
+_SMALL_RAD = 0.1
+_BLOCK = 8192  # points at a time: their numbers stay in the processor's cache
 
 
 @dataclass(frozen=True)
@@ -68,20 +70,29 @@ def places(
         world_from_ego: (4, 4) the frame's pose.
     """
     height, width = shape
-    row, column = np.divmod(pixel, width)
     beam_rad = laser.beams_rad(height)
     yaw_rad = np.arctan2(laser.ego_from_laser[1, 0], laser.ego_from_laser[0, 0])
     azimuth_rad = ((width - np.arange(width) - 0.5) / width * 2 - 1) * np.pi - yaw_rad
-    range_m = range_m.astype(np.float64)
-    flat_m = np.cos(beam_rad)[row] * range_m
-    xyz_m = np.empty((len(pixel), 3))
-    xyz_m[:, 0] = np.cos(azimuth_rad)[column] * flat_m
-    xyz_m[:, 1] = np.sin(azimuth_rad)[column] * flat_m
-    xyz_m[:, 2] = np.sin(beam_rad)[row] * range_m
-    xyz_m = apply(laser.ego_from_laser, xyz_m)
-    if pixel_poses is None:
-        return xyz_m
-    poses = pixel_poses.astype(np.float64)
+    cos_beam, sin_beam = np.cos(beam_rad), np.sin(beam_rad)
+    cos_azimuth, sin_azimuth = np.cos(azimuth_rad), np.sin(azimuth_rad)
+    places_m = np.empty((len(pixel), 3))
+    for start in range(0, len(pixel), _BLOCK):
+        block = slice(start, start + _BLOCK)
+        row, column = np.divmod(pixel[block], width)
+        distance_m = range_m[block].astype(np.float64)
+        flat_m = cos_beam[row] * distance_m
+        xyz_m = np.stack(
+            [cos_azimuth[column] * flat_m, sin_azimuth[column] * flat_m, sin_beam[row] * distance_m], axis=1
+        )
+        xyz_m = apply(laser.ego_from_laser, xyz_m)
+        if pixel_poses is not None:
+            xyz_m = _at_frame_pose(xyz_m, pixel_poses[block].astype(np.float64), world_from_ego)
+        places_m[block] = xyz_m
+    return places_m
+
+
+def _at_frame_pose(xyz_m: Floats, poses: Floats, world_from_ego: Array) -> Floats:
+    """Return places seen at poses of their own, as from the frame's pose."""
     xyz_m = _turn(xyz_m, *poses[:, :3].T)
     # The frame's place is taken away first: world coordinates of 40 km would cost digits.
     xyz_m += poses[:, 3:] - world_from_ego[:3, 3]
@@ -92,11 +103,24 @@ def places(
 
 def _turn(xyz: Floats, roll: Floats, pitch: Floats, yaw: Floats) -> Floats:
     """Return Rz(yaw) Ry(pitch) Rx(roll) xyz, for each point its own rotation."""
-    (cr, cp, cy), (sr, sp, sy) = ([f(angle) for angle in (roll, pitch, yaw)] for f in (np.cos, np.sin))
+    (sr, cr), (sp, cp), (sy, cy) = (_sin_cos(angle) for angle in (roll, pitch, yaw))
     x, y, z = xyz.T
     y, z = cr * y - sr * z, sr * y + cr * z
     x, z = cp * x + sp * z, cp * z - sp * x
     return np.column_stack([cy * x - sy * y, sy * x + cy * y, z])
+
+
+def _sin_cos(angle_rad: Floats) -> tuple[Floats, Floats]:
+    """Return sines and cosines; of angles that differ little by Taylor's series, to 1e-15 and three times as fast."""
+    middle_rad = angle_rad[len(angle_rad) // 2]
+    x = angle_rad - middle_rad
+    if np.abs(x).max(initial=0) > _SMALL_RAD:
+        return np.sin(angle_rad), np.cos(angle_rad)
+    square = x * x
+    sin_x = x * (1 + square * (-1 / 6 + square * (1 / 120 - square / 5040)))
+    cos_x = 1 + square * (-1 / 2 + square * (1 / 24 + square * (-1 / 720 + square / 40320)))
+    sin_middle, cos_middle = np.sin(middle_rad), np.cos(middle_rad)
+    return sin_middle * cos_x + cos_middle * sin_x, cos_middle * cos_x - sin_middle * sin_x
 
 
 def laser_return(
@@ -138,10 +162,11 @@ def laser_return(
         if not np.abs(pixel_poses).max(initial=0) <= MAX_POSITION_M:
             raise BadInput(f"{name} has pixel poses that are no places on Earth; copy the file again")
     xyz_m = places(range_m, pixel, (height, width), calibration, pixel_poses, world_from_ego)
-    far_m = np.abs(xyz_m).max(initial=0)
+    far_m = max(xyz_m.max(initial=0), -xyz_m.min(initial=0))
     if not far_m <= _MAX_RANGE_M:
         raise BadInput(f"{name} has a point {far_m:g} m away: its pixel poses do not fit the frame's pose")
-    intensity, elongation = (
-        np.nan_to_num(channels[:, channel], nan=0.0, posinf=0.0, neginf=0.0) for channel in (1, 2)
+    if not np.isfinite(channels).all():
+        channels = np.nan_to_num(channels, nan=0.0, posinf=0.0, neginf=0.0)
+    return LaserReturn(
+        laser, return_number, pixel, xyz_m, channels[:, 1], channels[:, 2], channels[:, 3] == 1
     )
-    return LaserReturn(laser, return_number, pixel, xyz_m, intensity, elongation, channels[:, 3] == 1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Protocol
 
@@ -11,6 +11,9 @@ from upvl_cli.errors import BadInput
 from upvl_cli.types import Array, Camera
 
 _MAX_PIXELS = 1 << 22  # of a range image; the largest has 64 x 2650
+
+
+LaserImage = tuple[int, int, Array]  # laser, return, range image
 
 
 class SegmentSource(Protocol):
@@ -48,14 +51,14 @@ class SegmentSource(Protocol):
     def files(self) -> tuple[Path, ...]:
         """Every file that can be read, except labels."""
 
-    def range_image(self, timestamp_us: int, laser: int, return_number: int) -> Array | None:
-        """Return (height, width, 4) of a return, or None where it is missing."""
+    def range_images(self, timestamp_us: int) -> Iterator[LaserImage]:
+        """Yield the (height, width, 4) of each return of a frame, in the order of the file."""
 
     def pixel_poses(self, timestamp_us: int, laser: int) -> Array | None:
         """Return (height, width, 6), or None where it is missing."""
 
-    def projection(self, timestamp_us: int, laser: int, return_number: int) -> Array | None:
-        """Return (height, width, 6), or None where it is missing."""
+    def projections(self, timestamp_us: int) -> Iterator[LaserImage]:
+        """Yield the (height, width, 6) of each return of a frame, in the order of the file."""
 
     def picture(self, timestamp_us: int, camera: int) -> tuple[bytes, float] | None:
         """Return the JPEG and the time of its pose (s; NaN where unknown), or None where it is missing."""
