@@ -83,7 +83,9 @@ def sweep_differences(drive: WaymoDrive, expected: dict[str, Array]) -> dict[str
             note("zones", item.in_no_label_zone, expected[f"{prefix}nlz"])
             projections.append(expected[f"{prefix}proj"])
         wanted = {
-            key.removesuffix("xyz") for key in expected if key.startswith(f"{frame.index}/laser") and key.endswith("xyz")
+            key.removesuffix("xyz")
+            for key in expected
+            if key.startswith(f"{frame.index}/laser") and key.endswith("xyz")
         }
         note("points [m]", len(seen), len(wanted))
         stacked = np.concatenate([item.xyz_ego_m for item in drive.returns(frame.index)])

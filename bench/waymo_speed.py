@@ -96,7 +96,9 @@ def write_segment(folder: Path, frames: int, codec: str) -> None:
             cells = [made[order[row][1]][order[row][0] % DISTINCT][component][number - 1] for row in rows]
             prefix = f"[{name}].range_image_return{number}"
             columns[f"{prefix}.values"] = pa.chunked_array([list_array(cell) for cell in cells])
-            columns[f"{prefix}.shape"] = pa.array([list(cell.shape) for cell in cells], pa.list_(pa.int32(), 3))
+            columns[f"{prefix}.shape"] = pa.array(
+                [list(cell.shape) for cell in cells], pa.list_(pa.int32(), 3)
+            )
         write(folder, component, {key: [keys[key][row] for row in rows] for key in keys}, columns, codec)
     write_small(folder, frames, codec)
 
@@ -151,7 +153,8 @@ def write_small(folder: Path, frames: int, codec: str) -> None:
     prefix, cameras = "[CameraCalibrationComponent].", sorted(SIZES)
     intrinsic = dict(f_u=205, f_v=205, c_u=96, c_v=64, k1=0.04, k2=-0.3, p1=0, p2=0, k3=0)
     columns = {
-        f"{prefix}intrinsic.{key}": pa.array([float(value)] * len(cameras)) for key, value in intrinsic.items()
+        f"{prefix}intrinsic.{key}": pa.array([float(value)] * len(cameras))
+        for key, value in intrinsic.items()
     }
     columns[f"{prefix}extrinsic.transform"] = pa.array([np.eye(4).ravel()] * len(cameras), matrix)
     columns[f"{prefix}width"] = pa.array([SIZES[camera][0] for camera in cameras], pa.int32())
@@ -177,7 +180,9 @@ def jpeg(width_px: int, height_px: int) -> bytes:
     return file.getvalue()
 
 
-def write(folder: Path, component: str, keys: dict[str, list[int]], columns: dict[str, pa.Array], codec: str) -> None:
+def write(
+    folder: Path, component: str, keys: dict[str, list[int]], columns: dict[str, pa.Array], codec: str
+) -> None:
     """Write a component as one row group."""
     rows = len(next(iter(keys.values())))
     table = {"key.segment_context_name": pa.array([SEGMENT] * rows)}

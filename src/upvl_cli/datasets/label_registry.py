@@ -29,17 +29,16 @@ def _kitti(root: Path, dataset: Any) -> LabelSource:
     return KittiLabels(root)
 
 
-<<<<<<< HEAD
 def _waymo(root: Path, dataset: Any) -> LabelSource:
     from upvl_cli.datasets.waymo.labels import WaymoLabels
 
     return WaymoLabels(root)
-=======
+
+
 def _parquet(root: Path, dataset: Any) -> LabelSource:
     from upvl_cli.datasets.parquet.labels import ParquetLabels
 
     return ParquetLabels(root, dataset)
->>>>>>> main
 
 
 def _city(root: Path, dataset: Any) -> LabelSource:
@@ -57,13 +56,9 @@ def _city_flow(root: Path, dataset: Any) -> FlowSource:
 # Each takes the folder that raw.toml names and the opened dataset.
 LABELS: dict[str, Callable[[Path, Any], LabelSource]] = {
     "kitti": _kitti,
-<<<<<<< HEAD
-    "synthetic": _city,
-    "waymo": _waymo,
-=======
     "parquet": _parquet,
     "synthetic": _city,
->>>>>>> main
+    "waymo": _waymo,
 }
 TRUE_FLOW: dict[str, Callable[[Path, Any], FlowSource]] = {"synthetic": _city_flow}
 

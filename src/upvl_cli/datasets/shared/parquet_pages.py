@@ -178,7 +178,9 @@ class ColumnChunk:
         try:
             return self._path.open("rb", buffering=0)
         except OSError as error:
-            raise BadInput(f"{self._path} cannot be read ({error.strerror}); check that it is there") from None
+            raise BadInput(
+                f"{self._path} cannot be read ({error.strerror}); check that it is there"
+            ) from None
 
     def _page_number(self, file: int, entry: int) -> int:
         """Return the number of the page of an entry; reads headers up to it."""

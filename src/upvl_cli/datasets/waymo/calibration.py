@@ -121,7 +121,5 @@ def camera_calibration(
     mount = check_pose(
         np.reshape(extrinsic, (4, 4)), f"{where}: the extrinsic of camera {name}", max_m=MAX_ON_CAR_M
     )
-    matrix = np.array(
-        [[focal_px[0], 0, center_px[0] - 0.5], [0, focal_px[1], center_px[1] - 0.5], [0, 0, 1]]
-    )
+    matrix = np.array([[focal_px[0], 0, center_px[0] - 0.5], [0, focal_px[1], center_px[1] - 0.5], [0, 0, 1]])
     return Camera(name, int(size[0]), int(size[1]), matrix, distortion, mount @ _WAYMO_FROM_CAMERA)

@@ -171,7 +171,9 @@ class RangeImages:
             found = arrow.matrices(pa.table({name: cells.drop_null()}), name, 3, self.rows.path)
             assert found is not None
             if not (np.abs(found) < 2**20).all():
-                raise BadInput(f"{self.rows.path}: {name} holds sizes of {np.abs(found).max():g}; copy it again")
+                raise BadInput(
+                    f"{self.rows.path}: {name} holds sizes of {np.abs(found).max():g}; copy it again"
+                )
             shapes[present] = found
         count = shapes.prod(axis=1)
         return ListColumn(self.rows.path, f"{self._prefix}{return_number}.values", count), shapes

@@ -50,7 +50,9 @@ class RecordSegment:
         self.poses: dict[int, Array] = {}
         for record in read_records(path):
             if TIMESTAMP not in record.numbers:
-                raise BadInput(f"{record.where} has no time stamp, expected a Waymo frame; copy the file again")
+                raise BadInput(
+                    f"{record.where} has no time stamp, expected a Waymo frame; copy the file again"
+                )
             stamp = record.numbers[TIMESTAMP]
             if stamp in self.records:
                 raise BadInput(
@@ -156,7 +158,9 @@ def _pose(record: Record) -> Array:
     content = b"".join(record.read(POSE)[-1:])
     values = Message(content, f"{record.where}, pose").doubles(1)
     if len(values) != 16:
-        raise BadInput(f"{record.where} has a pose of {len(values)} numbers, expected 16; copy the file again")
+        raise BadInput(
+            f"{record.where} has a pose of {len(values)} numbers, expected 16; copy the file again"
+        )
     return check_pose(values.reshape(4, 4), f"{record.where}: the pose")
 
 

@@ -82,7 +82,9 @@ class WaymoLabels:
         drive = self._open(segment)
         if isinstance(drive.source, RecordSegment):
             if not any(_LASER_LABELS in record.fields for record in drive.source.records.values()):
-                raise BadInput(f"{drive.source.where} has no labels; those of Waymo's test split are not public")
+                raise BadInput(
+                    f"{drive.source.where} has no labels; those of Waymo's test split are not public"
+                )
         else:
             self._box_path(segment)
         return np.array([frame.index for frame in drive.frames])
