@@ -18,9 +18,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from upvl_cli.datasets.shared.thrift import Fields, Long, ShortInput, read_struct, read_varint, write_struct
+from upvl_cli.datasets.shared.parquet_encoding import LevelRuns, read_levels, single_column_file
+from upvl_cli.datasets.shared.thrift import Fields, ShortInput, read_struct, write_struct
 from upvl_cli.errors import BadInput, one_line
-from upvl_cli.types import Array, Bools, Ints
+from upvl_cli.types import Bools, Ints
 
 _HEADER_BYTES = (96, 4096, 1 << 20)  # tried in turn: the statistics in a header can be long
 _MOST_PAGE_BYTES = 1 << 28  # writers make pages of about 1 MB
@@ -307,7 +308,7 @@ class ColumnChunk:
         header = {1: _DATA_PAGE, 2: len(content), 3: len(content)}
         header[5] = {1: count, 2: page.encoding, 3: _RLE, 4: _RLE}  # type: ignore[assignment]
         pages.append(write_struct(header) + content)
-        single = _single_column_file(pages, _TYPES[self._type], count)
+        single = single_column_file(pages, _TYPES[self._type], count)
         try:
             # Equal byte strings stay one: a page of a thousand equal pictures is small.
             equal = ["x"] if len(pages) == 2 and not plain else None
@@ -331,84 +332,6 @@ class ColumnChunk:
             header = {1: _DICTIONARY_PAGE, 2: len(content), 3: len(content), 7: {1: entries, 2: _PLAIN}}
             self._dictionary = write_struct(header) + content
         return self._dictionary
-
-
-def _single_column_file(pages: list[bytes], kind: int, count: int) -> bytes:
-    """Return a Parquet file of one required column and these pages."""
-    body = b"".join(pages)
-    offsets = {9: Long(4 + len(pages[0])), 11: Long(4)} if len(pages) == 2 else {9: Long(4)}
-    size = Long(len(body))
-    column = {1: kind, 2: [_PLAIN], 3: [b"x"], 4: 0, 5: Long(count), 6: size, 7: size, **offsets}
-    schema = [{3: 0, 4: b"schema", 5: 1}, {1: kind, 3: 0, 4: b"x"}]
-    group = {1: [{2: Long(4), 3: column}], 2: size, 3: Long(count)}
-    footer = write_struct({1: 1, 2: schema, 3: Long(count), 4: [group]})
-    return b"".join([b"PAR1", body, footer, len(footer).to_bytes(4, "little"), b"PAR1"])
-
-
-@dataclass(frozen=True)
-class LevelRuns:
-    """Levels of the entries of a page, as runs of equal ones."""
-
-    levels: Array
-    lengths: Array
-
-    def all_equal(self, level: int) -> bool:
-        """Return whether every level is this one."""
-        return bool((self.levels == level).all())
-
-    def positions(self, level: int) -> Ints:
-        """Return the entries of this level, ascending."""
-        starts = np.cumsum(self.lengths) - self.lengths
-        of_level = self.levels == level
-        lengths = self.lengths[of_level]
-        inside = np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
-        return np.asarray(np.repeat(starts[of_level], lengths) + inside)
-
-    def expanded(self) -> Array:
-        """Return the level of each entry."""
-        return np.repeat(self.levels, self.lengths)
-
-
-def read_levels(content: memoryview, bit_width: int, count: int) -> LevelRuns:
-    """Return levels from Parquet's hybrid of runs and packed bits.
-
-    Args:
-        content: The encoded levels.
-        bit_width: Bits of each.
-        count: How many they are.
-
-    Raises:
-        ValueError: The bytes end too early.
-    """
-    levels, lengths = [np.zeros(0, np.uint8)], [np.zeros(0, np.int64)]
-    found = position = 0
-    while found < count:
-        try:
-            head, position = read_varint(content, position)
-        except IndexError:
-            raise ValueError("the levels end too early") from None
-        length = min(head >> 1, count)
-        if head & 1:
-            stop = position + length * bit_width
-            values = _unpack(content[position:stop], bit_width)[: count - found]
-            levels.append(values)
-            lengths.append(np.ones(len(values), np.int64))
-            length, position = len(values), stop
-        else:
-            length = min(length, count - found)
-            levels.append(np.frombuffer(content[position : position + 1], np.uint8))
-            lengths.append(np.array([length]))
-            position += 1
-        if not length or not len(levels[-1]):
-            raise ValueError("the levels end too early")
-        found += length
-    return LevelRuns(np.concatenate(levels), np.concatenate(lengths))
-
-
-def _unpack(content: memoryview, bit_width: int) -> Array:
-    bits = np.unpackbits(np.frombuffer(content, np.uint8), bitorder="little")
-    numbers = bits[: len(bits) // bit_width * bit_width].reshape(-1, bit_width)
-    return (numbers << np.arange(bit_width, dtype=np.uint8)).sum(axis=1, dtype=np.uint8)
 
 
 def _number(fields: Fields, number: int) -> int:

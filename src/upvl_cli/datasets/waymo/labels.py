@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from upvl_cli.datasets.shared import arrow
-from upvl_cli.datasets.waymo.components import SEGMENT, TIME, ComponentSegment, component_path, in_segment
+from upvl_cli.datasets.waymo.components import SEGMENT, TIME, component_path, in_segment
 from upvl_cli.datasets.waymo.dataset import Waymo
 from upvl_cli.datasets.waymo.drive import WaymoDrive
 from upvl_cli.datasets.waymo.frame_records import RecordSegment
