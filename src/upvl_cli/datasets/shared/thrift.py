@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 _MOST_DEPTH = 8  # a page header nests three structures
 _TRUE, _FALSE, _BYTE, _I16, _I32, _I64, _DOUBLE, _BINARY, _LIST, _STRUCT = 1, 2, 3, 4, 5, 6, 7, 8, 9, 12
@@ -48,25 +49,28 @@ def read_struct(content: bytes, position: int, depth: int = 0) -> tuple[Fields, 
                 number, position = _signed(content, position)
             if kind in (_I32, _I64, _I16):
                 fields[number], position = _signed(content, position)
-            elif kind <= _FALSE:
-                fields[number] = kind == _TRUE
-            elif kind == _BINARY:
-                length, position = read_varint(content, position)
-                if position + length > len(content):
-                    raise ShortInput("a text ends too early")
-                fields[number] = content[position : position + length]
-                position += length
-            elif kind == _STRUCT:
-                fields[number], position = read_struct(content, position, depth + 1)
-            elif kind == _BYTE:
-                fields[number], position = content[position], position + 1
-            elif kind == _DOUBLE:
-                fields[number] = struct.unpack_from("<d", content, position)[0]
-                position += 8
             else:
-                raise ValueError(f"a field has the kind {kind}")
+                fields[number], position = _read_value(content, position, kind, depth)
     except (IndexError, struct.error):
         raise ShortInput("a structure ends too early") from None
+
+
+def _read_value(content: bytes, position: int, kind: int, depth: int) -> tuple[Any, int]:
+    """Return a value that is no number of a varying length, and the position after it."""
+    if kind in (_TRUE, _FALSE):
+        return kind == _TRUE, position
+    if kind == _STRUCT:
+        return read_struct(content, position, depth + 1)
+    if kind == _BYTE:
+        return content[position], position + 1
+    if kind == _DOUBLE:
+        return struct.unpack_from("<d", content, position)[0], position + 8
+    if kind != _BINARY:
+        raise ValueError(f"a field has the kind {kind}")
+    length, position = read_varint(content, position)
+    if position + length > len(content):
+        raise ShortInput("a text ends too early")
+    return content[position : position + length], position + length
 
 
 def read_varint(content: bytes | memoryview, position: int) -> tuple[int, int]:

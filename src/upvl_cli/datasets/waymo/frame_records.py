@@ -47,7 +47,6 @@ class RecordSegment:
         self.where = str(path)
         self.files = (path,)
         self.records: dict[int, Record] = {}
-        self.poses: dict[int, Array] = {}
         for record in read_records(path):
             if TIMESTAMP not in record.numbers:
                 raise BadInput(
@@ -60,9 +59,11 @@ class RecordSegment:
                     "expected one record a frame"
                 )
             self.records[stamp] = record
-            self.poses[stamp] = _pose(record)
         if not self.records:
             raise BadInput(f"{path} holds no record; copy it again")
+        numbers = np.array([_pose(record) for record in self.records.values()])
+        poses = check_pose(numbers.reshape(-1, 4, 4), f"{path}: the pose of record")
+        self.poses: dict[int, Array] = dict(zip(self.records, poses, strict=True))
         self.sweeps = frozenset(
             stamp
             for stamp, record in self.records.items()
@@ -161,7 +162,7 @@ def _pose(record: Record) -> Array:
         raise BadInput(
             f"{record.where} has a pose of {len(values)} numbers, expected 16; copy the file again"
         )
-    return check_pose(values.reshape(4, 4), f"{record.where}: the pose")
+    return values
 
 
 def _cameras(context: Message) -> dict[int, Camera]:
