@@ -366,6 +366,25 @@ def test_a_mount_that_is_no_rotation_is_refused(
         open_drive(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("component", "name"),
+    [
+        ("vehicle_pose", "[VehiclePoseComponent].world_from_vehicle.transform"),
+        ("lidar_calibration", "[LiDARCalibrationComponent].extrinsic.transform"),
+        ("camera_calibration", "[CameraCalibrationComponent].extrinsic.transform"),
+    ],
+)
+def test_transforms_that_are_null_are_refused(
+    component: str, name: str, tmp_path: Path, truth: list[TinyFrame]
+) -> None:
+    write_v2(tmp_path, truth)
+    columns = v2_columns(truth)[component]
+    columns[name] = pa.nulls(len(columns[name]), columns[name].type)
+    write_component(tmp_path, component, columns)
+    with pytest.raises(BadInput, match="is empty, expected 16 numbers"):
+        open_drive(tmp_path)
+
+
 def test_a_record_that_is_cut_off_is_refused(tmp_path: Path, truth: list[TinyFrame]) -> None:
     path = write_v1(tmp_path, truth)
     content = path.read_bytes()

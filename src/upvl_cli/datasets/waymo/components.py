@@ -279,9 +279,7 @@ class ComponentSegment:
 def _poses(path: Path, segment: str) -> dict[int, Array]:
     table = arrow.read_parquet(path, [SEGMENT, TIME, POSE])
     stamps = arrow.values(table, TIME, "int64", path)
-    numbers = arrow.matrices(table, POSE, 16, path)
-    if numbers is None:
-        raise BadInput(f"{path}: the column {POSE} is empty; copy the file again")
+    numbers = _matrices(table, POSE, path)
     rows = np.flatnonzero(in_segment(table, segment, path))
     if len(rows) < len(stamps) and not len(rows):
         raise BadInput(
@@ -294,13 +292,21 @@ def _poses(path: Path, segment: str) -> dict[int, Array]:
     return found
 
 
+def _matrices(table: pa.Table, name: str, path: Path) -> Array:
+    """Return the (rows, 16) numbers of a column of transforms."""
+    numbers = arrow.matrices(table, name, 16, path)
+    if numbers is None:
+        raise BadInput(f"{path}: the column {name} is empty, expected 16 numbers in each row; copy it again")
+    return numbers
+
+
 def _lasers(path: Path, segment: str) -> dict[int, LaserCalibration]:
     prefix = f"{_LASER_CALIBRATION}beam_inclination."
     extrinsic, beams = f"{_LASER_CALIBRATION}extrinsic.transform", f"{prefix}values"
     edges = [f"{prefix}min", f"{prefix}max"]
     table = arrow.read_parquet(path, [SEGMENT, LASER, extrinsic], [*edges, beams])
     numbers = numbers_of(table, LASER, path)
-    transforms = arrow.matrices(table, extrinsic, 16, path)
+    transforms = _matrices(table, extrinsic, path)
     edges_rad = [
         arrow.floats_or_nan(table, name, path)
         if name in table.column_names
@@ -313,7 +319,6 @@ def _lasers(path: Path, segment: str) -> dict[int, LaserCalibration]:
         if beams in table.column_names and table[beams][row].is_valid:
             cell = arrow.list_cell(table[beams], row, "float64", f"{path}: {beams}")
             beams_rad = cell if len(cell) else None
-        assert transforms is not None
         edge = (float(edges_rad[0][row]), float(edges_rad[1][row]))
         number = int(numbers[row])
         found[number] = laser_calibration(number, transforms[row], edge, beams_rad, str(path))
@@ -326,12 +331,11 @@ def _cameras(path: Path, segment: str) -> dict[int, Camera]:
     sizes = [f"{_CAMERA_CALIBRATION}{name}" for name in ("width", "height")]
     table = arrow.read_parquet(path, [SEGMENT, CAMERA, *names, extrinsic, *sizes])
     numbers = numbers_of(table, CAMERA, path)
-    transforms = arrow.matrices(table, extrinsic, 16, path)
+    transforms = _matrices(table, extrinsic, path)
     intrinsic = np.array([arrow.values(table, name, "float64", path) for name in names]).T
     size_px = [arrow.values(table, name, "float64", path) for name in sizes]
     found = {}
     for row in np.flatnonzero(in_segment(table, segment, path)).tolist():
-        assert transforms is not None
         number, size = int(numbers[row]), (float(size_px[0][row]), float(size_px[1][row]))
         found[number] = camera_calibration(number, intrinsic[row], transforms[row], size, str(path))
     return found
