@@ -91,10 +91,10 @@ class KeyedRows:
         """
         self.path = path
         self.table = arrow.read_parquet(path, [SEGMENT, TIME, key], columns)
-        stamps = arrow.values(self.table, TIME, "int64", path)
+        times_us = arrow.values(self.table, TIME, "int64", path)
         numbers = numbers_of(self.table, key, path)
         rows = np.flatnonzero(in_segment(self.table, segment, path))
-        pairs = zip(stamps[rows].tolist(), numbers[rows].tolist(), strict=True)
+        pairs = zip(times_us[rows].tolist(), numbers[rows].tolist(), strict=True)
         self.row: dict[tuple[int, int], int] = {}
         for row, pair in zip(rows.tolist(), pairs, strict=True):
             if self.row.setdefault(pair, row) != row:
@@ -105,7 +105,7 @@ class KeyedRows:
 
     @property
     def timestamps_us(self) -> frozenset[int]:
-        """Time stamps that have a row."""
+        """Times (us) that have a row."""
         return frozenset(stamp for stamp, _ in self.row)
 
 
@@ -278,15 +278,15 @@ class ComponentSegment:
 
 def _poses(path: Path, segment: str) -> dict[int, Array]:
     table = arrow.read_parquet(path, [SEGMENT, TIME, POSE])
-    stamps = arrow.values(table, TIME, "int64", path)
+    times_us = arrow.values(table, TIME, "int64", path)
     numbers = _matrices(table, POSE, path)
     rows = np.flatnonzero(in_segment(table, segment, path))
-    if len(rows) < len(stamps) and not len(rows):
+    if len(rows) < len(times_us) and not len(rows):
         raise BadInput(
             f"{path} holds no row of the segment {segment}; its name must be the segment's: rename it"
         )
     poses = check_pose(numbers[rows].reshape(-1, 4, 4), f"{path}: {POSE}, row")
-    found = dict(zip(stamps[rows].tolist(), poses, strict=True))
+    found = dict(zip(times_us[rows].tolist(), poses, strict=True))
     if len(found) < len(rows):
         raise BadInput(f"{path}: {len(rows)} rows have {len(found)} time stamps, expected one pose a frame")
     return found

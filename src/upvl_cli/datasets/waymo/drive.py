@@ -52,19 +52,19 @@ class WaymoDrive:
             BadInput: It has no frame, or times that do not ascend.
         """
         self.name, self.source = name, source
-        stamps = sorted(source.poses)
-        kept = [stamp for stamp in stamps if stamp in source.sweeps] or stamps
+        times_us = sorted(source.poses)
+        kept = [stamp for stamp in times_us if stamp in source.sweeps] or times_us
         if not kept:
             raise BadInput(f"{source.where} has no frame of the segment {name}; copy the file again")
-        number = {stamp: index for index, stamp in enumerate(stamps)}
+        number = {stamp: index for index, stamp in enumerate(times_us)}
         self.timestamps_us = {number[stamp]: stamp for stamp in kept}
         frames = [Frame(index, stamp * 1000) for index, stamp in self.timestamps_us.items()]
         self.frames = check_frames(frames, source.where)
         self.world_from_ego: Array | None = np.array([source.poses[stamp] for stamp in kept])
         skipped = Counter(source.skipped)
         if source.sweeps:
-            skipped["no LiDAR sweep"] += len(stamps) - len(kept)
-            skipped["LiDAR sweep without a pose"] += len(source.sweeps.difference(stamps))
+            skipped["no LiDAR sweep"] += len(times_us) - len(kept)
+            skipped["LiDAR sweep without a pose"] += len(source.sweeps.difference(times_us))
         self.skipped: Mapping[str, int] = {reason: count for reason, count in skipped.items() if count}
         self.cameras: tuple[Camera, ...] = tuple(source.cameras[camera] for camera in sorted(source.cameras))
         self.files: tuple[Path, ...] = source.files

@@ -142,8 +142,8 @@ def _component_labels(drive: WaymoDrive, path: Path) -> Labels:
     """Return the labels of v2; rows of other frames are left out."""
     table = arrow.read_parquet(path, [SEGMENT, TIME, _ID, *_CENTER, *_SIZE, _HEADING, _TYPE], _OPTIONAL)
     index = {stamp: frame for frame, stamp in drive.timestamps_us.items()}
-    stamps = arrow.values(table, TIME, "int64", path).tolist()
-    rows = np.flatnonzero(in_segment(table, drive.name, path) & [stamp in index for stamp in stamps])
+    times_us = arrow.values(table, TIME, "int64", path).tolist()
+    rows = np.flatnonzero(in_segment(table, drive.name, path) & [stamp in index for stamp in times_us])
 
     def column(name: str, missing: float = np.nan) -> Array:
         if name not in table.column_names:
@@ -151,7 +151,7 @@ def _component_labels(drive: WaymoDrive, path: Path) -> Labels:
         found = arrow.floats_or_nan(table, name, path)[rows]
         return np.where(np.isnan(found), missing, found)
 
-    frame = np.array([index[stamps[row]] for row in rows], dtype=np.int64)
+    frame = np.array([index[times_us[row]] for row in rows], dtype=np.int64)
     ids = arrow.texts(table, _ID, path)
     names = [*_CENTER, *_SIZE, _HEADING]
     speed = np.stack([column(name) for name in _SPEED], axis=1)
