@@ -157,7 +157,7 @@ class WaymoDrive:
                     f"camera projection of {image.shape[:2]} pixels, smaller than its range image; copy it again"
                 )
             start = first[laser, number]
-            found[start : start + len(pixel)] = image.reshape(-1, 6)[pixel]
+            found[start : start + len(pixel)] = image.reshape(-1, 6).take(pixel, axis=0)
         return found
 
     def _read_pixels(self, frame: int) -> dict[tuple[int, int], Ints]:

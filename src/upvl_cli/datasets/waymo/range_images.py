@@ -153,13 +153,13 @@ def laser_return(
             f"{name} has {height} x {width} pixels, but {pixel_poses.shape[0]} x {pixel_poses.shape[1]} poses"
         )
     pixel = pixels_with_return(range_image)
-    channels = range_image.reshape(-1, RANGE_CHANNELS)[pixel]
+    channels = range_image.reshape(-1, RANGE_CHANNELS).take(pixel, axis=0)
     range_m = channels[:, 0]
     if not range_m.max(initial=0) <= _MAX_RANGE_M:
         raise BadInput(f"{name} has a range of {range_m.max():g} m, which no LiDAR sees; copy the file again")
     if pixel_poses is not None:
-        pixel_poses = pixel_poses.reshape(-1, POSE_CHANNELS)[pixel]
-        if not np.abs(pixel_poses).max(initial=0) <= MAX_POSITION_M:
+        pixel_poses = pixel_poses.reshape(-1, POSE_CHANNELS).take(pixel, axis=0)
+        if not max(pixel_poses.max(initial=0), -pixel_poses.min(initial=0)) <= MAX_POSITION_M:
             raise BadInput(f"{name} has pixel poses that are no places on Earth; copy the file again")
     xyz_m = places(range_m, pixel, (height, width), calibration, pixel_poses, world_from_ego)
     far_m = max(xyz_m.max(initial=0), -xyz_m.min(initial=0))
