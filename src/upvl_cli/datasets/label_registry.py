@@ -35,6 +35,12 @@ def _kitti(root: Path, dataset: Any) -> LabelSource:
     return KittiLabels(root)
 
 
+def _waymo(root: Path, dataset: Any) -> LabelSource:
+    from upvl_cli.datasets.waymo.labels import WaymoLabels
+
+    return WaymoLabels(root)
+
+
 def _parquet(root: Path, dataset: Any) -> LabelSource:
     from upvl_cli.datasets.parquet.labels import ParquetLabels
 
@@ -66,6 +72,7 @@ LABELS: dict[str, Callable[[Path, Any], LabelSource]] = {
     "nuscenes": _nuscenes,
     "parquet": _parquet,
     "synthetic": _city,
+    "waymo": _waymo,
 }
 TRUE_FLOW: dict[str, Callable[[Path, Any], FlowSource]] = {"synthetic": _city_flow}
 

@@ -70,12 +70,19 @@ def _synthetic(root: Path, config: CityConfig) -> Dataset:
     return City(config)
 
 
+def _waymo(root: Path, config: None) -> Dataset:
+    from upvl_cli.datasets.waymo.dataset import Waymo
+
+    return Waymo(root)
+
+
 DATASETS: dict[str, DatasetFamily] = {
     "argoverse2": DatasetFamily(_argoverse2),
     "kitti": DatasetFamily(_kitti),
     "parquet": DatasetFamily(_parquet),
     "nuscenes": DatasetFamily(_nuscenes),
     "synthetic": DatasetFamily(_synthetic, CityConfig),
+    "waymo": DatasetFamily(_waymo),
 }
 
 

@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from upvl_cli.datasets.label_registry import label_source
-from upvl_cli.datasets.labels import LabelSource
+from upvl_cli.datasets.labels import LabelSource, UnlabelledZones
 from upvl_cli.datasets.shared.tracks import velocities_of_tracks
 from upvl_cli.errors import BadInput, NotMade
 from upvl_cli.evaluation.detection_types import detection_types
@@ -187,7 +187,7 @@ def _gather_drive(
     rows = fresh_table(workspace, stage, ScoredBoxRow, segment)
     chosen = [rows[frame] for frame in rows.frames if frame in frames]
     types = _box_types(workspace, stage, segment, rows, chosen, named)
-    predictions = _predictions(segment, chosen, types)
+    predictions = _predictions(source, segment, chosen, types)
     labels = _with_velocities(workspace, segment, source.labels(segment))
     truth = _truth(segment, labels)
     dropped: Counter[str] = Counter()
@@ -252,7 +252,9 @@ def _track_types(row: ScoredBoxRow, classes: ClassifyRow) -> Ints:
     return np.asarray(classes.type[order][np.searchsorted(classes.track_id[order], row.track_id)])
 
 
-def _predictions(segment: str, rows: Sequence[ScoredBoxRow], types: Sequence[Ints]) -> Predictions:
+def _predictions(
+    source: LabelSource, segment: str, rows: Sequence[ScoredBoxRow], types: Sequence[Ints]
+) -> Predictions:
     """Return the boxes of the labelled frames; of other frames nothing is known."""
     count = [len(row.track_id) for row in rows]
     boxes = concat([row.tracked_boxes for row in rows], TrackedBoxes)
@@ -266,8 +268,16 @@ def _predictions(segment: str, rows: Sequence[ScoredBoxRow], types: Sequence[Int
         score=boxes.score,
         velocity_mps=boxes.velocity_mps[:, :2],
         object_id=boxes.track_id,
-        unlabelled=np.zeros(sum(count)),
+        unlabelled=_unlabelled(source, segment, rows),
     )
+
+
+def _unlabelled(source: LabelSource, segment: str, rows: Sequence[ScoredBoxRow]) -> Bools:
+    """Return whether each box of the rows overlaps a zone without labels, where the data set tells these."""
+    if not isinstance(source, UnlabelledZones):
+        return np.zeros(sum(len(row.track_id) for row in rows), dtype=np.bool_)
+    parts = [source.unlabelled(segment, row.frame, row.tracked_boxes) for row in rows]
+    return np.concatenate([*parts, np.zeros(0, np.bool_)])
 
 
 def _in_view(cameras: Sequence[Camera], xyz_ego_m: Array) -> Bools:
