@@ -35,10 +35,10 @@ def _kitti(root: Path, dataset: Any) -> LabelSource:
     return KittiLabels(root)
 
 
-def _waymo(root: Path, dataset: Any) -> LabelSource:
-    from upvl_cli.datasets.waymo.labels import WaymoLabels
+def _nuscenes(root: Path, dataset: Any) -> LabelSource:
+    from upvl_cli.datasets.nuscenes.labels import NuScenesLabels
 
-    return WaymoLabels(root)
+    return NuScenesLabels(dataset)
 
 
 def _parquet(root: Path, dataset: Any) -> LabelSource:
@@ -47,16 +47,16 @@ def _parquet(root: Path, dataset: Any) -> LabelSource:
     return ParquetLabels(root, dataset)
 
 
-def _nuscenes(root: Path, dataset: Any) -> LabelSource:
-    from upvl_cli.datasets.nuscenes.labels import NuScenesLabels
-
-    return NuScenesLabels(dataset)
-
-
 def _city(root: Path, dataset: Any) -> LabelSource:
     from upvl_cli.synthetic.labels import CityLabels
 
     return CityLabels(dataset)
+
+
+def _waymo(root: Path, dataset: Any) -> LabelSource:
+    from upvl_cli.datasets.waymo.labels import WaymoLabels
+
+    return WaymoLabels(root)
 
 
 def _city_flow(root: Path, dataset: Any) -> FlowSource:

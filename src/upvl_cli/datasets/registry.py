@@ -46,16 +46,16 @@ def _kitti(root: Path, config: None) -> Dataset:
     return Kitti(root)
 
 
-def _parquet(root: Path, config: None) -> Dataset:
-    from upvl_cli.datasets.parquet.dataset import ParquetDrives
-
-    return ParquetDrives(root)
-
-
 def _nuscenes(root: Path, config: None) -> Dataset:
     from upvl_cli.datasets.nuscenes.dataset import NuScenes
 
     return NuScenes(root)
+
+
+def _parquet(root: Path, config: None) -> Dataset:
+    from upvl_cli.datasets.parquet.dataset import ParquetDrives
+
+    return ParquetDrives(root)
 
 
 def _synthetic(root: Path, config: CityConfig) -> Dataset:
@@ -79,8 +79,8 @@ def _waymo(root: Path, config: None) -> Dataset:
 DATASETS: dict[str, DatasetFamily] = {
     "argoverse2": DatasetFamily(_argoverse2),
     "kitti": DatasetFamily(_kitti),
-    "parquet": DatasetFamily(_parquet),
     "nuscenes": DatasetFamily(_nuscenes),
+    "parquet": DatasetFamily(_parquet),
     "synthetic": DatasetFamily(_synthetic, CityConfig),
     "waymo": DatasetFamily(_waymo),
 }
