@@ -55,7 +55,7 @@ CITY_DOORS = {
 # What a detector that trains writes and reads its checkpoints with; what draws its curves.
 # Who reads labels, and who may import that: these modules themselves and evaluation.
 LABELS = re.compile(
-    rf"{PACKAGE}\.(datasets\.(label_registry|exact_labels|flow_truth|kitti\.(labels|tracklets|objects))|synthetic\.labels)\b"
+    rf"{PACKAGE}\.(datasets\.(label_registry|exact_labels|flow_truth|\w+\.(labels|tracklets|objects|annotations))|synthetic\.labels)\b"
 )
 MAY_OPEN_FILES = {"config", "datasets", "pipeline", "runtime", "vlm", "synthetic", "detector", "commands"}
 MAY_PRINT = {"cli"}

@@ -38,7 +38,8 @@ except SystemExit as end:
 
 # Modules that can open a human label.
 READS_LABELS = (
-    r"upvl_cli\.(datasets\.label_registry|datasets\..*\.(labels|tracklets|objects)|synthetic\.labels)$"
+    r"upvl_cli\.(datasets\.label_registry|datasets\..*\.(labels|tracklets|objects|annotations)"
+    r"|synthetic\.labels)$"
 )
 
 

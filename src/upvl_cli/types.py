@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Protocol, Self, TypeVar
+from typing import Any, Literal, Protocol, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -91,8 +91,9 @@ class Camera:
         width_px: Width of its images.
         height_px: Height of its images.
         intrinsic: (3, 3) pinhole matrix, in pixels; (0, 0) is the centre of the first pixel.
-        distortion: (5,) k1, k2, p1, p2, k3 of the Brown-Conrady model.
+        distortion: k1, k2, p1, p2, k3 of the model "brown", or k1 to k4 of "fisheye".
         ego_from_camera: (4, 4) pose of the camera on the car.
+        distortion_model: Which one (`geometry.lens`); a fisheye is used up to 90 degrees off its axis.
     """
 
     name: str
@@ -101,9 +102,11 @@ class Camera:
     intrinsic: Array
     distortion: Array
     ego_from_camera: Array
+    distortion_model: Literal["brown", "fisheye"] = "brown"
 
     def __post_init__(self) -> None:
-        for name, shape in (("intrinsic", (3, 3)), ("distortion", (5,)), ("ego_from_camera", (4, 4))):
+        numbers = (4,) if self.distortion_model == "fisheye" else (5,)
+        for name, shape in (("intrinsic", (3, 3)), ("distortion", numbers), ("ego_from_camera", (4, 4))):
             values = np.asarray(getattr(self, name), dtype=np.float64)
             if values.shape != shape or not np.isfinite(values).all():
                 raise BadInput(f"camera {self.name}: {name} must be finite and of shape {shape}")

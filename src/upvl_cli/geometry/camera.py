@@ -1,14 +1,10 @@
-"""The pinhole camera with lens distortion: from points to pixels, and from pixels to rays.
-
-Model: Brown and Conrady with radial k1, k2, k3 and tangential p1, p2 (D. C. Brown, Decentering Distortion
-of Lenses, 1966). Far outside the image the radial polynomial can turn back and lay points on pixels that
-they are not seen in; what lies beyond that turning point is not visible.
-"""
+"""The pinhole camera with lens distortion (`geometry.lens`): from points to pixels, and from pixels to rays."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from upvl_cli.geometry.lens import distort, slope, turning_point
 from upvl_cli.geometry.se3 import apply, inverse
 from upvl_cli.types import Array, Bools, Camera, Floats
 
@@ -32,29 +28,13 @@ def project(camera: Camera, xyz_ego_m: Array) -> tuple[Floats, Floats, Bools]:
     reached = np.flatnonzero(depth_m > 0)  # of a sweep all around most lies elsewhere
     with np.errstate(over="ignore"):  # a point just in front of the lens lies infinitely far out
         plane = xyz[reached, :2] / depth_m[reached, None]
-        near = np.einsum("nk,nk->n", plane, plane) < _turning_point(camera)
+        near = np.einsum("nk,nk->n", plane, plane) < turning_point(camera)
     reached, plane = reached[near], plane[near]
     uv_px = np.full((len(xyz), 2), np.nan)
     uv_px[reached] = distort(camera, plane) @ camera.intrinsic[:2, :2].T + camera.intrinsic[:2, 2]
     u_px, v_px = uv_px.T
     wide = (u_px >= -0.5) & (u_px < camera.width_px - 0.5)
     return uv_px, depth_m, wide & (v_px >= -0.5) & (v_px < camera.height_px - 0.5)
-
-
-def distort(camera: Camera, plane: Array) -> Floats:
-    """Return (n, 2) where the lens puts the places of the plane at distance 1.
-
-    Args:
-        camera: Its distortion.
-        plane: (n, 2) x / z, y / z in the axes of the camera.
-    """
-    k1, k2, p1, p2, k3 = camera.distortion
-    x, y = np.asarray(plane, dtype=np.float64).T
-    r2 = x * x + y * y
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    shifted_x = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-    shifted_y = y * radial + 2 * p2 * x * y + p1 * (r2 + 2 * y * y)
-    return np.stack([shifted_x, shifted_y], axis=1)
 
 
 def rays(camera: Camera, uv_px: Array) -> Floats:
@@ -74,7 +54,7 @@ def rays(camera: Camera, uv_px: Array) -> Floats:
             if not (np.abs(step) > _NEGLIGIBLE_STEP).any():
                 break
         missed = np.abs(distort(camera, plane) - target).max(axis=1, initial=0)
-        arrives = (missed < _CONVERGED) & ((plane * plane).sum(axis=1) < _turning_point(camera))
+        arrives = (missed < _CONVERGED) & ((plane * plane).sum(axis=1) < turning_point(camera))
     plane[~arrives] = np.nan
     direction = np.concatenate([plane, np.ones((len(plane), 1))], axis=1)
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
@@ -83,22 +63,7 @@ def rays(camera: Camera, uv_px: Array) -> Floats:
 
 def _newton_step(camera: Camera, plane: Array, residual: Array) -> Floats:
     """Return (n, 2) the inverse Jacobian of `distort` times the residual."""
-    k1, k2, p1, p2, k3 = camera.distortion
-    x, y = plane.T
-    r2 = x * x + y * y
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    growth = 2 * (k1 + r2 * (2 * k2 + 3 * k3 * r2))
-    xx = radial + x * x * growth + 2 * p1 * y + 6 * p2 * x
-    yy = radial + y * y * growth + 2 * p2 * x + 6 * p1 * y
-    xy = x * y * growth + 2 * p1 * x + 2 * p2 * y  # the Jacobian is symmetric
+    xx, xy, yy = slope(camera, plane)
     to_x = yy * residual[:, 0] - xy * residual[:, 1]
     to_y = xx * residual[:, 1] - xy * residual[:, 0]
     return np.asarray(np.stack([to_x, to_y], axis=1) / (xx * yy - xy * xy)[:, None])
-
-
-def _turning_point(camera: Camera) -> float:
-    """Return the squared radius from which on a larger angle no longer lands farther out."""
-    k1, k2, _, _, k3 = camera.distortion
-    roots = np.roots([7 * k3, 5 * k2, 3 * k1, 1])  # of the slope of r (1 + k1 r^2 + k2 r^4 + k3 r^6)
-    real = roots.real[(np.abs(roots.imag) < 1e-12) & (roots.real > 0)]
-    return float(real.min(initial=np.inf))

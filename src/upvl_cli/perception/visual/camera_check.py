@@ -19,7 +19,7 @@ from scipy import ndimage
 from scipy.optimize import lsq_linear, minimize
 from scipy.spatial.transform import Rotation
 
-from upvl_cli.geometry.camera import distort
+from upvl_cli.geometry.lens import distort
 from upvl_cli.perception.visual.config import CameraCheckConfig
 from upvl_cli.perception.visual.outlines import LEFT, RIGHT, TOP, Outlines, detect_outlines
 from upvl_cli.types import Array, Bools, Camera, Floats, concat
