@@ -28,7 +28,7 @@ class PoseTrack:
     poses: Array
 
     @classmethod
-    def sorted(cls, times_ns: Array, poses: Array) -> PoseTrack:
+    def in_time_order(cls, times_ns: Array, poses: Array) -> PoseTrack:
         """Return poses in the order of their times; of those of one time the first."""
         times, first = np.unique(times_ns, return_index=True)
         return cls(times, poses[first])

@@ -152,6 +152,6 @@ def read_time_file(path: Path, stems: Sequence[str]) -> list[int | None]:
     if len(numbers) == len(stems) and max(numbers, default=0) < len(lines):
         return [times.get(number) for number in numbers]
     raise BadInput(
-        f"{path} has {len(lines)} lines for {len(stems)} sweeps ({stems[0]} to {stems[-1]}); expected one stamp a sweep, "
-        "or lines 'name stamp'"
+        f"{path} has {len(lines)} lines for {len(stems)} sweeps ({stems[0]} to {stems[-1]}); expected one stamp a "
+        "sweep, or lines 'name stamp'"
     )
