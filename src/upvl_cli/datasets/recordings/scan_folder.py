@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from upvl_cli.datasets.recordings.axes import ego_from_axes
-from upvl_cli.datasets.recordings.camera_file import match_pictures, read_cameras
+from upvl_cli.datasets.recordings.camera_file import FolderCamera, match_pictures, read_cameras
 from upvl_cli.datasets.recordings.pose_file import PoseTable, read_matrix, read_poses
 from upvl_cli.datasets.recordings.pose_track import NO_POSE, PoseTrack
 from upvl_cli.datasets.recordings.scan_drive import ScanDrive, ScanFile
@@ -81,12 +81,19 @@ def stem(path: Path) -> str:
     return name
 
 
-def open_scan_folder(source: Path, options: ScanOptions) -> ScanDrive:
+def segment_name(source: Path) -> str:
+    """Return a name for the drive of a file or folder."""
+    name = source.resolve().name if source.is_dir() else source.resolve().stem
+    return re.sub(r"[^A-Za-z0-9._-]+", "-", name).strip(".-") or "drive"
+
+
+def open_scan_folder(source: Path, options: ScanOptions, cameras: Sequence[FolderCamera] = ()) -> ScanDrive:
     """Return the recording of a folder.
 
     Args:
         source: The folder, or one that holds a single folder of point files.
         options: What its owner says about it.
+        cameras: Cameras that the folder's own layout tells of, in ego axes; those of the options come on top.
 
     Raises:
         BadInput: It holds no points, or sweeps, times and poses cannot be paired.
@@ -114,12 +121,12 @@ def open_scan_folder(source: Path, options: ScanOptions) -> ScanDrive:
             f"{folder}: none of {len(scans)} sweeps has both a time and a pose; check {options.poses}"
         )
     check_frames([Frame(scan.frame, scan.time_ns) for scan in kept], options.times or folder)
-    folder_cameras = read_cameras(options.cameras, turn) if options.cameras else ()
+    folder_cameras = (*cameras, *(read_cameras(options.cameras, turn) if options.cameras else ()))
     by_frame = {
         scan.frame: (known, scan.time_ns) for scan, known in zip(scans, stems, strict=True) if not scan.reason
     }
     drive = ScanDrive(
-        name=re.sub(r"[^A-Za-z0-9._-]+", "-", source.resolve().name).strip(".-") or "drive",
+        name=segment_name(source),
         scans=tuple(scans),
         ego_from_lidar=turn,
         cameras=tuple(known.camera for known in folder_cameras),
@@ -217,8 +224,8 @@ def _poses(
         known = [time_ns for time_ns in times if time_ns is not None]
         raise BadInput(
             f"{options.poses}: its poses are from {track.times_ns[0] / 1e9:.3f} s to "
-            f"{track.times_ns[-1] / 1e9:.3f} s, and the sweeps from {min(known, default=0) / 1e9:.3f} s to {max(known, default=0) / 1e9:.3f} s; expected one "
-            "clock"
+            f"{track.times_ns[-1] / 1e9:.3f} s, and the sweeps from {min(known, default=0) / 1e9:.3f} s to "
+            f"{max(known, default=0) / 1e9:.3f} s; expected one clock"
         )
     if len(poses) == len(stems):
         return list(poses), f"{source}, by order"
