@@ -41,8 +41,8 @@ class FrameTree:
     @property
     def names(self) -> tuple[str, ...]:
         """All frames."""
-        parents = [parent for parent, *_ in (*self._fixed.values(), *self._moving.values())]
-        return tuple(sorted({*self._fixed, *self._moving, *parents}))
+        above = {edge[0] for edge in self._fixed.values()} | {edge[0] for edge in self._moving.values()}
+        return tuple(sorted(above | self._fixed.keys() | self._moving.keys()))
 
     @property
     def ego_frame(self) -> str:

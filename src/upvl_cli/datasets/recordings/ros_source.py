@@ -185,13 +185,13 @@ class McapSource:
 
         schemas: dict[int, Schema] = {}
         channels: dict[int, Channel] = {}
-        errors = library_errors()
+        errors: tuple[type[Exception], ...] = (StopIteration, *library_errors())
         with path.open("rb") as file:
             records = StreamReader(file).records
             while True:
                 try:
                     record = next(records)
-                except (StopIteration, *errors):
+                except errors:
                     return
                 if isinstance(record, Schema):
                     schemas[record.id] = record

@@ -89,7 +89,7 @@ def read_topic_map(path: Path, topics: Mapping[str, RosTopic]) -> TopicMap:
     for known in cameras:
         if len(known.ego_from_camera) not in (0, 16):
             raise BadSetting(f"{path}, camera {known.name}: ego_from_camera must have 16 numbers")
-    wanted = [(topic, (CLOUD,)) for topic in config.lidars]
+    wanted: list[tuple[str, tuple[str, ...]]] = [(topic, (CLOUD,)) for topic in config.lidars]
     wanted += [(config.odometry, POSES)] if config.odometry else []
     wanted += [(known.image, IMAGES) for known in cameras] + [
         (known.info, (CAMERA_INFO,)) for known in cameras
