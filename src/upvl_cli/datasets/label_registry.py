@@ -29,6 +29,12 @@ def _kitti(root: Path, dataset: Any) -> LabelSource:
     return KittiLabels(root)
 
 
+def _parquet(root: Path, dataset: Any) -> LabelSource:
+    from upvl_cli.datasets.parquet.labels import ParquetLabels
+
+    return ParquetLabels(root, dataset)
+
+
 def _city(root: Path, dataset: Any) -> LabelSource:
     from upvl_cli.synthetic.labels import CityLabels
 
@@ -42,7 +48,11 @@ def _city_flow(root: Path, dataset: Any) -> FlowSource:
 
 
 # Each takes the folder that raw.toml names and the opened dataset.
-LABELS: dict[str, Callable[[Path, Any], LabelSource]] = {"kitti": _kitti, "synthetic": _city}
+LABELS: dict[str, Callable[[Path, Any], LabelSource]] = {
+    "kitti": _kitti,
+    "parquet": _parquet,
+    "synthetic": _city,
+}
 TRUE_FLOW: dict[str, Callable[[Path, Any], FlowSource]] = {"synthetic": _city_flow}
 
 

@@ -40,6 +40,12 @@ def _kitti(root: Path, config: None) -> Dataset:
     return Kitti(root)
 
 
+def _parquet(root: Path, config: None) -> Dataset:
+    from upvl_cli.datasets.parquet.dataset import ParquetDrives
+
+    return ParquetDrives(root)
+
+
 def _synthetic(root: Path, config: CityConfig) -> Dataset:
     try:
         from upvl_cli.synthetic.dataset import City
@@ -54,6 +60,7 @@ def _synthetic(root: Path, config: CityConfig) -> Dataset:
 
 DATASETS: dict[str, DatasetFamily] = {
     "kitti": DatasetFamily(_kitti),
+    "parquet": DatasetFamily(_parquet),
     "synthetic": DatasetFamily(_synthetic, CityConfig),
 }
 

@@ -33,14 +33,23 @@ def arrow_errors(where: object) -> Iterator[None]:
         raise BadInput(f"{where} cannot be read ({reason}); write or copy it again") from None
 
 
-def open_parquet(path: Path) -> pq.ParquetFile:
-    """Return an opened Parquet file; raises `BadInput` where it is none."""
+def open_parquet(path: Path, buffer_bytes: int = 0) -> pq.ParquetFile:
+    """Return an opened Parquet file.
+
+    Args:
+        path: The file.
+        buffer_bytes: Read a column in buffers of this size; 0 reads that of a row group at once.
+
+    Raises:
+        BadInput: It is none.
+    """
     with arrow_errors(path):
         return pq.ParquetFile(
             path,
             thrift_string_size_limit=_MAX_FOOTER_BYTES,
             thrift_container_size_limit=_MAX_FOOTER_BYTES,
             pre_buffer=False,
+            buffer_size=buffer_bytes,
         )
 
 
@@ -104,6 +113,17 @@ def values(table: pa.Table, name: str, dtype: str, where: object) -> Array:
     return _cast(column, name, dtype, where)
 
 
+def integers(table: pa.Table, name: str, where: object) -> Array:
+    """Return a column of whole numbers as int64; raises `BadInput` for another type, an empty cell, a large number."""
+    kind = table[name].type
+    kind = kind.value_type if pa.types.is_dictionary(kind) else kind
+    if not (pa.types.is_integer(kind) or pa.types.is_null(kind)):
+        raise BadInput(
+            f"{where}: the column {name} is of type {table[name].type}, expected whole numbers (int64)"
+        )
+    return values(table, name, "int64", where)
+
+
 def floats_or_nan(table: pa.Table, name: str, where: object) -> Array:
     """Return a column as float64, NaN in its empty cells."""
     return _cast(table[name], name, "float64", where)
@@ -143,7 +163,9 @@ def is_list(kind: pa.DataType) -> bool:
     return bool(listed and (pa.types.is_integer(kind.value_type) or pa.types.is_floating(kind.value_type)))
 
 
-def list_cell(column: pa.ChunkedArray, row: int, dtype: str, where: object) -> Array:
+def list_cell(
+    column: pa.ChunkedArray, row: int, dtype: str, where: object, *, shown_row: int | None = None
+) -> Array:
     """Return the numbers of one cell of a column of lists.
 
     Args:
@@ -151,20 +173,22 @@ def list_cell(column: pa.ChunkedArray, row: int, dtype: str, where: object) -> A
         row: Number of the row.
         dtype: The type to cast to.
         where: The file and the column, for the message.
+        shown_row: Number of the row in the file, where the column is a part of it.
 
     Raises:
         BadInput: The cell is empty (null), has nulls inside, or holds no such numbers.
     """
     if not is_list(column.type):
         raise BadInput(f"{where} is of type {column.type}, expected lists of {dtype}")
-    with arrow_errors(where):
+    shown_row = row if shown_row is None else shown_row
+    with arrow_errors(f"{where}, row {shown_row}"):
         cell = column[row]
         if not cell.is_valid:
-            raise BadInput(f"{where}, row {row} is empty (null), expected a list of {dtype}")
+            raise BadInput(f"{where}, row {shown_row} is empty (null), expected a list of {dtype}")
         numbers = cell.values
         if numbers.null_count:
             raise BadInput(
-                f"{where}, row {row} has {numbers.null_count} empty numbers, expected {dtype} in each"
+                f"{where}, row {shown_row} has {numbers.null_count} empty numbers, expected {dtype} in each"
             )
         return np.asarray(numbers.cast(pa.from_numpy_dtype(np.dtype(dtype))).to_numpy(zero_copy_only=False))
 
