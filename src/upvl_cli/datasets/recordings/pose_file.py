@@ -70,7 +70,7 @@ def read_poses(path: Path) -> PoseTable:
     lines = [line.strip() for line in read_text(path).splitlines()]
     rows = [_SPLIT.split(line.strip(",; \t")) for line in lines if line and not line.startswith(("#", "%"))]
     header = next((line.lstrip("#% ") for line in lines if line), "")
-    is_named = bool(re.search(r"[A-DF-Za-df-z]", header)) and len(_SPLIT.split(header)) > 2
+    is_named = len(_SPLIT.split(header)) > 2 and not any(map(_is_number, _SPLIT.split(header)))
     if is_named and ("," in header or ";" in header or not lines[0].startswith(("#", "%"))):
         separator = ";" if header.count(";") > header.count(",") else "," if "," in header else None
         cells = [[cell.strip() for cell in line.split(separator)] for line in lines if line]
@@ -101,6 +101,14 @@ def read_matrix(path: Path) -> Array:
     if len(words) not in (12, 16):
         raise BadInput(f"{path} holds {len(words)} words; expected 12 or 16 numbers: a 3 x 4 or 4 x 4 matrix")
     return np.asarray(_poses(_numbers([words], path), path)[0])
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
 
 def _numbers(rows: Sequence[Sequence[str]], path: Path) -> Array:

@@ -230,6 +230,10 @@ def open_ros(source_path: Path, topics_path: Path) -> RosDrive:
     tree = _read_frames(source, decoder)
     heads = {name: _first(source, decoder, name) for name in topics.config.lidars}
     ego_frame = topics.config.ego_frame or frame_name(heads[topics.config.lidars[0]].header.frame_id)
+    world_frame = topics.config.world_frame
+    if world_frame and not topics.config.odometry and world_frame not in tree.names:
+        known = ", ".join(tree.names)[:300] or "no frame at all"
+        raise BadInput(f"{topics_path}: world_frame {world_frame!r} is not in TF; it has {known}")
     lidars = []
     for number, topic in enumerate(topics.config.lidars):
         given = topics.config.ego_from_lidars[16 * number : 16 * number + 16]

@@ -147,7 +147,8 @@ def proposed_map(topics: Mapping[str, RosTopic], ego_frame: str, world_frame: st
                 f'image = "{topic.name}"',
                 f'info = "{infos[folder]}"',
             ]
-            lines.append("rectified = " + ("true" if "rect" in topic.name.rpartition("/")[2] else "false"))
+            is_rectified = "rect" in topic.name.removesuffix("/compressed").rpartition("/")[2]
+            lines.append(f"rectified = {str(is_rectified).lower()}")
     lines += ["", "# topic, type, messages"]
     lines += [
         f"# {topic.name}  {topic.type}  {topic.count}"

@@ -117,6 +117,7 @@ def write_points(
                 break
             parts.append(part)
     if not counts.frames:
+        shutil.rmtree(folder, ignore_errors=True)
         raise BadInput(_nothing_left(recording, counts))
     with table_writer(path, schema, metadata) as writer:
         for part in parts:
