@@ -44,7 +44,7 @@ LABELS = pa.schema(
 
 
 @dataclass(frozen=True, eq=False)
-class SweepRow:
+class PointsRow:
     """One row of `points`.
 
     Attributes:
@@ -114,7 +114,7 @@ def points_schema(optional: Collection[str]) -> pa.Schema:
     )
 
 
-def sweep_table(row: SweepRow, schema: pa.Schema) -> pa.Table:
+def sweep_table(row: PointsRow, schema: pa.Schema) -> pa.Table:
     """Return the row of `points` of one sweep; 0 for what this sweep lacks."""
     xyz = row.xyz_ego_m.astype(np.float32)
     columns: list[list[Any]] = [[row.frame], [row.time_ns], [_matrix(row.world_from_ego)]]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from upvl_cli.datasets.parquet.writer import SweepRow
+from upvl_cli.datasets.parquet.writer import PointsRow
 from upvl_cli.datasets.recordings.recording import LidarScan, RecordedSweep
 from upvl_cli.geometry.se3 import apply
 from upvl_cli.types import Array
@@ -81,7 +81,7 @@ class Conversion:
             found.append(f"{name}{scale}, {time}")
         return tuple(found)
 
-    def row(self, sweep: RecordedSweep, skipped: Counter[str]) -> SweepRow:
+    def row(self, sweep: RecordedSweep, skipped: Counter[str]) -> PointsRow:
         """Return a sweep in the units of a drive; what is dropped is counted."""
         parts = [self._part(sweep, scan, skipped) for scan in sweep.scans]
         xyz = np.concatenate([xyz for xyz, _ in parts])
@@ -92,7 +92,7 @@ class Conversion:
             outside = ~((x >= x_from) & (x <= x_to) & (y >= y_from) & (y <= y_to))
             skipped[CAR_POINTS] += int((~outside).sum())
             xyz, columns = xyz[outside], {name: values[outside] for name, values in columns.items()}
-        return SweepRow(sweep.frame, sweep.time_ns, sweep.world_from_ego, xyz, columns)
+        return PointsRow(sweep.frame, sweep.time_ns, sweep.world_from_ego, xyz, columns)
 
     def _part(
         self, sweep: RecordedSweep, scan: LidarScan, skipped: Counter[str]
