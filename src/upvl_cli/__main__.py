@@ -12,6 +12,8 @@ STOPPED_BY_PERSON = 130  # 128 + SIGINT, as shells have it
 
 def main() -> None:
     """Run the command line, and tell in one line how it ended where it did not end well."""
+    if sys.platform == "win32":
+        sys.exit(_refuse_windows())
     _on_signals(_leave_at_once)
     if os.environ.get("COLUMNS") == "0":
         del os.environ["COLUMNS"]  # some terminals say so, and mean that they do not know
@@ -41,6 +43,12 @@ def main() -> None:
         _on_signals(signal.SIG_IGN)
         _say(STOPPED)
     sys.exit(code)
+
+
+def _refuse_windows() -> int:
+    """Say what to do on native Windows, which has neither the file locks nor the signals that upvl needs."""
+    _say("upvl: native Windows is not supported; run it under WSL: https://learn.microsoft.com/windows/wsl/install\n")
+    return 2
 
 
 def _on_signals(handler: signal._HANDLER) -> None:

@@ -23,6 +23,12 @@ class FlowSource(Protocol):
         """Return the motion of each point of a sweep, in the order of its points."""
 
 
+def _argoverse2(root: Path, dataset: Any) -> LabelSource:
+    from upvl_cli.datasets.argoverse2.labels import ArgoverseLabels
+
+    return ArgoverseLabels(dataset)
+
+
 def _kitti(root: Path, dataset: Any) -> LabelSource:
     from upvl_cli.datasets.kitti.labels import KittiLabels
 
@@ -33,6 +39,12 @@ def _parquet(root: Path, dataset: Any) -> LabelSource:
     from upvl_cli.datasets.parquet.labels import ParquetLabels
 
     return ParquetLabels(root, dataset)
+
+
+def _nuscenes(root: Path, dataset: Any) -> LabelSource:
+    from upvl_cli.datasets.nuscenes.labels import NuScenesLabels
+
+    return NuScenesLabels(dataset)
 
 
 def _city(root: Path, dataset: Any) -> LabelSource:
@@ -49,7 +61,9 @@ def _city_flow(root: Path, dataset: Any) -> FlowSource:
 
 # Each takes the folder that raw.toml names and the opened dataset.
 LABELS: dict[str, Callable[[Path, Any], LabelSource]] = {
+    "argoverse2": _argoverse2,
     "kitti": _kitti,
+    "nuscenes": _nuscenes,
     "parquet": _parquet,
     "synthetic": _city,
 }

@@ -34,6 +34,12 @@ class DatasetFamily:
     config: type[Config] | None = None
 
 
+def _argoverse2(root: Path, config: None) -> Dataset:
+    from upvl_cli.datasets.argoverse2.dataset import Argoverse2
+
+    return Argoverse2(root)
+
+
 def _kitti(root: Path, config: None) -> Dataset:
     from upvl_cli.datasets.kitti.dataset import Kitti
 
@@ -44,6 +50,12 @@ def _parquet(root: Path, config: None) -> Dataset:
     from upvl_cli.datasets.parquet.dataset import ParquetDrives
 
     return ParquetDrives(root)
+
+
+def _nuscenes(root: Path, config: None) -> Dataset:
+    from upvl_cli.datasets.nuscenes.dataset import NuScenes
+
+    return NuScenes(root)
 
 
 def _synthetic(root: Path, config: CityConfig) -> Dataset:
@@ -59,8 +71,10 @@ def _synthetic(root: Path, config: CityConfig) -> Dataset:
 
 
 DATASETS: dict[str, DatasetFamily] = {
+    "argoverse2": DatasetFamily(_argoverse2),
     "kitti": DatasetFamily(_kitti),
     "parquet": DatasetFamily(_parquet),
+    "nuscenes": DatasetFamily(_nuscenes),
     "synthetic": DatasetFamily(_synthetic, CityConfig),
 }
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from upvl_cli.datasets.label_registry import label_source
 from upvl_cli.datasets.labels import LabelSource
+from upvl_cli.datasets.shared.tracks import velocities_of_tracks
 from upvl_cli.errors import BadInput, NotMade
 from upvl_cli.evaluation.detection_types import detection_types
 from upvl_cli.evaluation.region import Region
@@ -21,13 +22,14 @@ from upvl_cli.pipeline.runner import state
 from upvl_cli.pipeline.stage import Row
 from upvl_cli.pipeline.tables import Table
 from upvl_cli.pipeline.workspace import Workspace
-from upvl_cli.stages.rows import ClassifyRow, ObjectRow, ScoredBoxRow
+from upvl_cli.stages.rows import ClassifyRow, ObjectRow, OdometryRow, ScoredBoxRow
 from upvl_cli.types import Array, Bools, Camera, Ints, Labels, TrackedBoxes, concat
 
 # New type by type: every labelled road user is an object, also one of an unknown type; a sign is none.
 CLASS_AGNOSTIC = {0: 1, 2: 1, 4: 1}
 
 CLASSIFY = "classify"  # the stage that gives auto labels their types
+ODOMETRY = "odometry"  # the stage that estimates poses where a drive has none
 DETECT = "detect"  # the stage whose boxes get their types by their own features
 
 R = TypeVar("R", bound=Row)
@@ -186,7 +188,7 @@ def _gather_drive(
     chosen = [rows[frame] for frame in rows.frames if frame in frames]
     types = _box_types(workspace, stage, segment, rows, chosen, named)
     predictions = _predictions(segment, chosen, types)
-    labels = source.labels(segment)
+    labels = _with_velocities(workspace, segment, source.labels(segment))
     truth = _truth(segment, labels)
     dropped: Counter[str] = Counter()
     kept = []
@@ -199,6 +201,17 @@ def _gather_drive(
     truth, predictions = truth[kept[0]], predictions[kept[1]]
     view = _in_view(workspace.drive(segment).cameras, truth.center_m)
     return _Drive(truth, labels.num_points[kept[0]], view, predictions, len(frames), dropped)
+
+
+def _with_velocities(workspace: Workspace, segment: str, labels: Labels) -> Labels:
+    """Return the labels with the velocities that the data set lacks, by the poses that were estimated."""
+    unknown = np.isnan(labels.velocity_mps).any(axis=1, keepdims=True)
+    drive = workspace.drive(segment)
+    if not unknown.any() or drive.world_from_ego is not None:
+        return labels
+    poses = np.array([row.world_from_ego for row in fresh_table(workspace, ODOMETRY, OdometryRow, segment)])
+    estimated = velocities_of_tracks(labels, drive.frames, poses)
+    return replace(labels, velocity_mps=np.where(unknown, estimated, labels.velocity_mps))
 
 
 def _truth(segment: str, labels: Labels) -> Truth:

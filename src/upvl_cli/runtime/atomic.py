@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
 import os
 import stat
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
 
 from upvl_cli.errors import UpvlError, one_line
+
+
+# What file systems without locks answer: some network shares, containers and phones.
+_NO_LOCKS = {errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS}
+_warned_folders: set[Path] = set()
 
 
 class NotNeeded(Exception):  # noqa: N818
@@ -64,7 +71,7 @@ def _locked(part: Path) -> Iterator[IO[bytes]]:
         if part.is_symlink() or (part.exists() and not _ours(part.stat())):
             part.unlink()  # a link or a pipe: writing would end up elsewhere
         with os.fdopen(os.open(part, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666), "r+b") as file:
-            fcntl.flock(file, fcntl.LOCK_EX)
+            _lock(file, fcntl.LOCK_EX, part)
             if _is_at(file, part):
                 file.truncate(0)
                 yield file
@@ -79,10 +86,25 @@ def _removed_on_failure(part: Path) -> Iterator[None]:
         yield
     except BaseException:
         with contextlib.suppress(OSError), part.open("r+b") as file:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _lock(file, fcntl.LOCK_EX | fcntl.LOCK_NB, part)
             if _is_at(file, part):
                 part.unlink()
         raise
+
+
+def _lock(file: IO[bytes], operation: int, path: Path) -> None:
+    """Lock a file against other processes; where its file system has no locks, warn once a folder and go on."""
+    try:
+        fcntl.flock(file, operation)
+    except OSError as error:
+        if error.errno not in _NO_LOCKS:
+            raise
+        if path.parent not in _warned_folders:
+            _warned_folders.add(path.parent)
+            sys.stderr.write(
+                f"upvl: warning: the file system of {path.parent} has no locks ({error.strerror}); run only one "
+                "command at a time on it\n"
+            )
 
 
 def _is_at(file: IO[bytes], path: Path) -> bool:

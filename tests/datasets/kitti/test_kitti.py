@@ -144,7 +144,7 @@ GAPS = {
     "no time stamps of the camera": (
         drop("image_02/timestamps.txt"),
         [0, 1, 2, 3],
-        {"image_02 picture without time stamp": 4},
+        {"image_02 pictures without timestamps.txt, taken at the times of the sweeps": 4},
     ),
     "no calibration of the cameras": (
         drop("../calib_cam_to_cam.txt"),
@@ -218,10 +218,8 @@ def write_bin(values: object) -> Callable[[Path], None]:
 
 
 BAD_SWEEPS = {
-    "empty": (lambda path: path.write_bytes(b""), "has 0 bytes"),
+    "empty": (lambda path: path.write_bytes(b""), "is empty"),
     "cut off": (lambda path: path.write_bytes(path.read_bytes()[:-5]), "cut off"),
-    "NaN": (write_bin([[1, 2, np.nan, 0.5], [1, 2, 3, 0.5]]), "1 of 2 points are NaN"),
-    "infinite": (write_bin([[1, 2, 3, np.inf]]), "1 of 1 points are NaN or infinite"),
     "too far": (write_bin([[1, 2, 3, 0.5], [0, -2e4, 3, 0.5]]), "1 of 2 points are more than 10 km away"),
     "absurd": (write_bin([[3e38, 1, 1, 0.5]]), "1 of 1 points are more than 10 km away"),
     "gone meanwhile": (lambda path: path.unlink(), "cannot be read"),
@@ -288,7 +286,7 @@ BAD_DRIVES = {
     ),
     "time goes back": (
         lambda f: change_line(f / "velodyne_points/timestamps.txt", 3, "2011-09-26 12:00:00.000000000"),
-        r"line 3: frame 2 is not later than frame 1",
+        "velodyne_points/timestamps.txt: frame 2 is not later than frame 1",
     ),
     "time stamps are not text": (
         lambda f: (f / "velodyne_points/timestamps.txt").write_bytes(b"\xff\xfe\x00"),
@@ -303,7 +301,7 @@ BAD_DRIVES = {
         lambda f: (f / "velodyne_points/timestamps.txt").write_text(
             "\n".join(f"2011-09-26 13:00:00.00000000{i}" for i in range(4))
         ),
-        "timestamps.txt, line 2: frame 1 is only 1 ns later than frame 0",
+        "timestamps.txt: frame 1 is only 1 ns later than frame 0",
     ),
     "times a year apart": (
         lambda f: change_line(f / "velodyne_points/timestamps.txt", 3, "2012-09-26 13:00:00.2"),
@@ -339,7 +337,7 @@ BAD_DRIVES = {
     ),
     "oxts: half the world away": (
         lambda f: change_fields(f / "oxts/data/0000000002.txt", {1: "-171"}),
-        r"0000000002.txt, line 1 lies 131\d\d km from 0000000000.txt",
+        r"0000000002.txt, line 1 lies 131\d\d km from .*0000000000.txt, line 1",
     ),
     "oxts: NaN": (
         lambda f: (f / "oxts/data/0000000002.txt").write_text("nan " * 30),
@@ -415,7 +413,7 @@ BAD_DRIVES = {
     ),
     "another size of pictures": (
         lambda f: change_line(f / "../calib_cam_to_cam.txt", 9, "S_rect_02: 1242 375"),
-        "0000000000.png is 124 x 37 pixels, but S_rect of calib_cam_to_cam.txt says 1242 x 375",
+        "0000000000.png is 124 x 37 pixels, but its calibration says 1242 x 375",
     ),
 }
 
@@ -486,12 +484,29 @@ def test_a_misspelt_name_gets_the_nearest_ones(tmp_path: Path) -> None:
         kitti.open("xyz")
 
 
-@pytest.mark.parametrize(
-    "make", [lambda path: None, lambda path: path.mkdir(), lambda path: path.write_text("")]
-)
-def test_a_root_without_drives_says_what_it_expected(tmp_path: Path, make: Callable[[Path], object]) -> None:
+ROOTS: dict[str, tuple[Callable[[Path], object], str]] = {
+    "missing": (lambda path: None, "no folder .*kitti"),
+    "empty": (lambda path: path.mkdir(), "nothing in .*kitti"),
+    "a file": (lambda path: path.write_text(""), ".*Not a directory"),
+    "other names": (
+        lambda path: write_files(path / "training/velodyne", "scan_1.bin", "scan_2.bin"),
+        "2 files like scan_1.bin in .*training/velodyne",
+    ),
+}
+
+
+def write_files(folder: Path, *names: str) -> None:
+    folder.mkdir(parents=True)
+    for name in names:
+        (folder / name).write_bytes(b"")
+
+
+@pytest.mark.parametrize(("make", "found"), ROOTS.values(), ids=ROOTS)
+def test_a_root_without_drives_says_what_it_found_and_expected(
+    tmp_path: Path, make: Callable[[Path], object], found: str
+) -> None:
     make(tmp_path / "kitti")
-    with pytest.raises(BadInput, match="kitti has no drive of KITTI's raw data; expected <root>/2011_09_26/"):
+    with pytest.raises(BadInput, match=f"has no drive of KITTI's: {found}.*; expected <root>/2011_09_26/"):
         Kitti(tmp_path / "kitti")
 
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from datasets.kitti.kitti_writers import object_line
 from tiny_kitti import (
     CAR_LWH_M,
-    R_RECT,
     VELO_TO_CAM_R,
     VELO_TO_CAM_T,
     TinyDrive,
@@ -120,7 +120,7 @@ FILE = """<?xml version="1.0"?><!DOCTYPE x [<!ENTITY a SYSTEM "file:///etc/passw
 BAD_TRACKLETS = {
     "entities": (lambda path: path.write_text(BOMB), "declares XML entities"),
     "entities of a file": (lambda path: path.write_text(FILE), "declares XML entities"),
-    "entities in UTF-16": (lambda path: path.write_bytes(BOMB.encode("utf-16")), "is not text"),
+    "entities in UTF-16": (lambda path: path.write_bytes(BOMB.encode("utf-16")), "declares XML entities"),
     "cut off": (lambda path: path.write_text(path.read_text()[:-100]), "is not whole XML"),
     "empty": (lambda path: path.write_text(""), "is not whole XML"),
     "a size of 0": (
@@ -184,20 +184,6 @@ def test_a_drive_without_labels_says_what_it_expected(tmp_path: Path) -> None:
 # ---- object labels of single frames
 
 
-def object_line(kind: str, box: np.ndarray) -> str:
-    """The box in KITTI's own terms: the middle of its floor, and its angle about the camera's y."""
-    ego_from_rect = (R_RECT @ VELO_TO_CAM_R).T
-    centre = R_RECT @ (VELO_TO_CAM_R @ box[:3] + VELO_TO_CAM_T)
-    floor = centre + [0, box[5] / 2, 0]
-    # The angle whose direction, in camera axes, is that of the heading seen from above.
-    angles = np.linspace(-np.pi, np.pi, 1_000_001)
-    along = np.column_stack([np.cos(angles), 0 * angles, -np.sin(angles)]) @ ego_from_rect.T
-    error = np.angle(np.exp(1j * (np.arctan2(along[:, 1], along[:, 0]) - box[6])))
-    length, width, height = box[3:6]
-    values = [0, 0, 0, 1, 2, 3, 4, height, width, length, *floor, angles[np.abs(error).argmin()]]
-    return f"{kind} {' '.join(map(str, values))}\n"
-
-
 @pytest.fixture
 def objects(tmp_path: Path) -> TinyDrive:
     """A drive with object labels of frames 1 and 3 (and of 9, which has no sweep); nothing in 3."""
@@ -231,7 +217,10 @@ BAD_OBJECTS = {
     "too few": ("Car 1 2 3\n", r"0000000001.txt, line 1 holds '1 2 3', 3 fields; expected 14"),
     "NaN": (f"\nCar {'nan ' * 14}\n", "0000000001.txt, line 2"),
     "a size of 0": (f"Car {'0 ' * 14}\n", "must be above 0"),
-    "a place without end": (f"Car {'1 ' * 10} 1e300 1 1 1\n", r"line 1: size and place .* within 10000 m"),
+    "a place without end": (
+        f"Car {'1 ' * 10} 1e300 1 1 1\n",
+        r"line 1: size, place and angle .* within 10000 m",
+    ),
 }
 
 

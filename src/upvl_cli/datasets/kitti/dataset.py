@@ -1,35 +1,58 @@
-"""KITTI's raw recordings (`<date>/<drive>_sync`), read in place."""
+"""KITTI's recordings, read in place: raw, object, tracking, odometry and KITTI-360, told apart by what is there."""
 
 from __future__ import annotations
 
-import difflib
 import os
-import re
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
-from upvl_cli.datasets.kitti.drive import EXPECTED, KittiDrive, open_drive
+from upvl_cli.datasets.kitti.drive import KittiDrive
+from upvl_cli.datasets.kitti.kitti360 import FOLDER as KITTI360_FOLDER
+from upvl_cli.datasets.kitti.kitti360 import open_kitti360
+from upvl_cli.datasets.kitti.object import find_runs, open_object
+from upvl_cli.datasets.kitti.odometry import open_odometry
+from upvl_cli.datasets.kitti.raw import open_raw
+from upvl_cli.datasets.kitti.tracking import open_tracking
+from upvl_cli.datasets.shared.content import unreadable
+from upvl_cli.datasets.shared.numbered_files import describe_files, numbered_files
+from upvl_cli.datasets.shared.paths import check_segment_name, unknown_segment
 from upvl_cli.errors import BadInput
 
-_NAME = re.compile(r"[A-Za-z0-9._-]+")
-_MOST_NAMES = 10
+_EXPECTED = (
+    "<root>/2011_09_26/2011_09_26_drive_0001_sync/velodyne_points/data/0000000000.bin (raw), "
+    "training/velodyne/000000.bin (object), training/velodyne/0000/000000.bin (tracking) "
+    "sequences/00/velodyne/000000.bin (odometry) or data_3d_raw/<drive>/velodyne_points/data/0000000000.bin (KITTI-360)"
+)
+_RAW, _OTHERS = "velodyne_points", "velodyne"
+_DEPTH = 3  # folders between the root and that of a drive: `dataset/sequences/00`
+_RADAR = "radar"  # View-of-Delft has its radar's points in the same layout, beside the LiDAR's
+
+
+@dataclass(frozen=True)
+class KittiSegment:
+    """One drive that was found: the folder that it is in, and how to open it."""
+
+    folder: Path
+    open: Callable[[], KittiDrive]
 
 
 class Kitti:
-    """The drives below a folder; the folder of one day or of one drive will do as well."""
+    """The drives below a folder; the folder of one day, one split or one drive will do as well."""
 
     version = 1
     fingerprint_values: Mapping[str, object] = MappingProxyType({})
 
     def __init__(self, root: Path) -> None:
         self._root = root
-        self._folders = _drive_folders(root)
+        self._segments = _find_segments(root)
 
     @property
     def segments(self) -> tuple[str, ...]:
-        """Folder names of the drives, sorted."""
-        return tuple(sorted(self._folders))
+        """Names of the drives, sorted."""
+        return tuple(sorted(self._segments))
 
     def open(self, segment: str) -> KittiDrive:
         """Return the drive of that name.
@@ -37,44 +60,72 @@ class Kitti:
         Raises:
             BadInput: The name is not in `segments`, or the drive is damaged.
         """
-        if segment not in self._folders:
-            raise BadInput(f"{self._root} has no segment {segment!r}; {self._suggestion(segment)}")
+        if segment not in self._segments:
+            raise unknown_segment(self._root, segment, self.segments)
+        found = self._segments[segment]
         try:
-            return open_drive(self._folders[segment])
+            return found.open()
         except OSError as error:  # a folder that may not be looked into
-            raise _unreadable(self._folders[segment], error) from None
-
-    def _suggestion(self, segment: str) -> str:
-        if len(self.segments) <= _MOST_NAMES:
-            return f"it has {', '.join(self.segments)}"
-        close = difflib.get_close_matches(segment, self.segments)
-        names = f"the nearest are {', '.join(close)}" if close else f"the first is {self.segments[0]}"
-        return f"of its {len(self.segments)} segments {names}"
+            raise unreadable(found.folder, error) from None
 
 
-def _parents(root: Path, pattern: str) -> list[Path]:
-    try:
-        return sorted(found.parent for found in root.glob(pattern))
-    except OSError as error:
-        raise _unreadable(root, error) from None
-
-
-def _unreadable(folder: Path, error: OSError) -> BadInput:
-    return BadInput(f"{folder} cannot be read ({error.strerror}); check that it is there and readable")
-
-
-def _drive_folders(root: Path) -> dict[str, Path]:
+def _find_segments(root: Path) -> dict[str, KittiSegment]:
     root = Path(os.path.abspath(root))  # a root `.` has no name; links stay as they are
-    folders: dict[str, Path] = {}
-    for pattern in ("velodyne_points", "*/velodyne_points", "*/*/velodyne_points"):
-        for folder in _parents(root, pattern):
-            if not _NAME.fullmatch(folder.name):
+    found: dict[str, KittiSegment] = {}
+    without: list[Path] = []
+    for folder in _drive_folders(root, _DEPTH):
+        named = list(_segments_of(folder))
+        for name, segment in named:
+            check_segment_name(name, segment.folder)
+            if name in found:
                 raise BadInput(
-                    f"{folder}: a drive's name holds letters, digits, '.', '_', '-' only; rename it"
+                    f"{segment.folder} and {found[name].folder} have one name; move one out of {root}"
                 )
-            if folder.name in folders:
-                raise BadInput(f"{folder} and {folders[folder.name]} have one name; move one out of {root}")
-            folders[folder.name] = folder
-    if not folders:
-        raise BadInput(f"{root} has no drive of KITTI's raw data; expected {EXPECTED}")
-    return folders
+            found[name] = segment
+        if not named:
+            without.append(folder / _OTHERS)
+    if not found:
+        what = describe_files(without[0] if without else root)
+        raise BadInput(f"{root} has no drive of KITTI's: {what}; expected {_EXPECTED}")
+    return found
+
+
+def _drive_folders(folder: Path, depth: int) -> Iterator[Path]:
+    """Yield the folders that hold sweeps, in order; none is looked for inside of another."""
+    try:
+        with os.scandir(folder) as entries:
+            names = sorted(entry.name for entry in entries if entry.is_dir())
+    except (FileNotFoundError, NotADirectoryError):
+        return
+    except OSError as error:
+        if depth == _DEPTH:
+            raise unreadable(folder, error) from None
+        return  # another one's folder beside the drives
+    if _RAW in names or _OTHERS in names:
+        yield folder
+    elif depth > 0:
+        for name in names:
+            if not name.startswith((".", _RADAR)):
+                yield from _drive_folders(folder / name, depth - 1)
+
+
+def _segments_of(folder: Path) -> Iterator[tuple[str, KittiSegment]]:
+    """Yield name and drive of each of the drives of a folder."""
+    if (folder / _RAW).is_dir():
+        opener = open_kitti360 if folder.parent.name == KITTI360_FOLDER else open_raw
+        yield folder.name, KittiSegment(folder, partial(opener, folder))
+        return
+    sweeps = folder / _OTHERS
+    if numbered_files(sweeps, (".bin",)):
+        if folder.parent.name == "sequences" or any(
+            (folder / name).is_file() for name in ("calib.txt", "times.txt")
+        ):
+            yield folder.name, KittiSegment(folder, partial(open_odometry, folder))
+            return
+        for run in find_runs(folder):
+            yield run.name, KittiSegment(folder, partial(open_object, run))
+        return
+    for sequence in sorted(path for path in sweeps.iterdir() if path.is_dir()):
+        if numbered_files(sequence, (".bin",)):
+            name = f"{folder.name}-{sequence.name}"
+            yield name, KittiSegment(sequence, partial(open_tracking, sequence, name))

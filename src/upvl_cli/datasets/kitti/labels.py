@@ -1,4 +1,4 @@
-"""KITTI's human boxes, for evaluation only: tracklets of a whole drive, or objects of single frames."""
+"""KITTI's human boxes, for evaluation only: of whole raw drives and sequences, or of single frames."""
 
 from __future__ import annotations
 
@@ -9,22 +9,25 @@ import numpy as np
 
 from upvl_cli.datasets.kitti.dataset import Kitti
 from upvl_cli.datasets.kitti.drive import KittiDrive
-from upvl_cli.datasets.kitti.files import numbered_files
-from upvl_cli.datasets.kitti.objects import read_objects
+from upvl_cli.datasets.kitti.objects import ObjectBoxes, read_objects, read_sequence_objects
 from upvl_cli.datasets.kitti.tracklets import read_tracklets
+from upvl_cli.datasets.shared.numbered_files import describe_files, numbered_files
+from upvl_cli.datasets.shared.tracks import count_points, velocities_of_tracks
 from upvl_cli.errors import BadInput
-from upvl_cli.geometry.boxes import points_inside
 from upvl_cli.geometry.camera import project
-from upvl_cli.geometry.se3 import apply
 from upvl_cli.types import Array, Bools, Boxes, Ints, Labels, concat
 
-# Waymo's numbers; a class that is not here ("Misc") is 0.
+# Waymo's numbers; a class that is not here ("Misc") is 0. View-of-Delft's names are in lower case. Its `rider` is
+# the person on a vehicle, whose box lies inside that of the whole (`Cyclist`): as an object of its own it is none.
+# A bicycle or a rack without a rider is none of Waymo's classes; what has a motor is a vehicle.
 _TYPES = {
     **dict.fromkeys(("Car", "Van", "Truck", "Tram", "Bus"), 1),
+    **dict.fromkeys(("truck", "motor", "moped_scooter", "vehicle_other"), 1),
     **dict.fromkeys(("Pedestrian", "Person", "Person (sitting)", "Person_sitting"), 2),
     "Cyclist": 4,
 }
-_LABELLED_CAMERA = "image_02"  # KITTI labels what its left colour camera sees
+_SETS = {"odometry": "the odometry set", "kitti360": "KITTI-360"}
+_LABELLED_CAMERAS = ("image_02", "image_2")  # KITTI labels what its left colour camera sees
 
 
 class KittiLabels:
@@ -40,16 +43,20 @@ class KittiLabels:
             BadInput: The drive has no labels, or a file is not what it has to be.
         """
         drive = self._kitti.open(segment)
-        labels = _tracklets(drive) if _tracklets_path(drive).is_file() else _objects(drive)
+        labels = _read(drive)
         labels = labels[np.isin(labels.frame, [frame.index for frame in drive.frames])]
         labels = _on_points(labels[np.argsort(labels.frame, kind="stable")], drive)
-        return replace(labels, velocity_mps=_velocities(labels, drive))
+        labels = count_points(labels, drive)
+        return replace(labels, velocity_mps=velocities_of_tracks(labels, drive.frames, drive.world_from_ego))
 
     def frames(self, segment: str) -> Ints:
         """Return the index of each frame that was labelled; of the others nothing is known."""
         drive = self._kitti.open(segment)
         known = np.array([frame.index for frame in drive.frames])
-        if _tracklets_path(drive).is_file():
+        if drive.layout == "tracking":
+            _sequence_path(drive)
+            return known
+        if drive.layout == "raw" and _tracklets_path(drive).is_file():
             return known
         return known[np.isin(known, list(_object_files(drive)))]
 
@@ -63,13 +70,23 @@ class KittiLabels:
         Raises:
             BadInput: The drive has no calibration.
         """
-        camera = self._kitti.open(segment).calibration.cameras.get(_LABELLED_CAMERA)
+        drive = self._kitti.open(segment)
+        cameras = drive.calibration.cameras
+        camera = next((cameras[name] for name in _LABELLED_CAMERAS if name in cameras), None)
         if camera is None:
             raise BadInput(
-                f"{segment} has no calibration of {_LABELLED_CAMERA}, so what was labelled is unknown; "
-                "put calib_cam_to_cam.txt and calib_velo_to_cam.txt beside the drive"
+                f"{segment} has no calibration of {_LABELLED_CAMERAS[drive.layout in ('object', 'odometry')]}, so "
+                f"what was labelled is unknown; {_missing_calibration(drive)}"
             )
         return project(camera, xyz_ego_m)[2]
+
+
+def _read(drive: KittiDrive) -> Labels:
+    if drive.layout == "tracking":
+        return _sequence_objects(drive)
+    if drive.layout == "raw" and _tracklets_path(drive).is_file():
+        return _tracklets(drive)
+    return _objects(drive)
 
 
 def _tracklets_path(drive: KittiDrive) -> Path:
@@ -77,10 +94,23 @@ def _tracklets_path(drive: KittiDrive) -> Path:
 
 
 def _object_files(drive: KittiDrive) -> dict[int, Path]:
-    files = numbered_files(drive.folder / "object_label_2", ".txt")
+    if drive.layout not in ("raw", "object"):
+        raise BadInput(
+            f"{drive.name} is a drive of {_SETS[drive.layout]}, of which upvl reads no boxes: nothing to score against"
+        )
+    folder = drive.folder / ("object_label_2" if drive.layout == "raw" else "label_2")
+    files = numbered_files(folder, (".txt",))
     if not files:
-        raise BadInput(f"{drive.folder} has no labels; expected tracklet_labels.xml or object_label_2/*.txt")
+        expected = "tracklet_labels.xml or object_label_2/*.txt" if drive.layout == "raw" else "label_2/*.txt"
+        raise BadInput(f"{drive.folder} has no labels; expected {expected}")
     return files
+
+
+def _sequence_path(drive: KittiDrive) -> Path:
+    path = drive.folder.parent.parent / "label_02" / f"{drive.folder.name}.txt"
+    if not path.is_file():
+        raise BadInput(f"{drive.name} has no labels: {describe_files(path.parent)}; expected {path}")
+    return path
 
 
 def _tracklets(drive: KittiDrive) -> Labels:
@@ -92,19 +122,36 @@ def _tracklets(drive: KittiDrive) -> Labels:
 
 
 def _objects(drive: KittiDrive) -> Labels:
-    files = _object_files(drive)
-    if drive.calibration.rect_from_ego is None:
-        raise BadInput(
-            f"{drive.folder}/object_label_2 is in camera axes; "
-            "put calib_cam_to_cam.txt and calib_velo_to_cam.txt beside the drive"
-        )
-    ego_from_rect = np.linalg.inv(drive.calibration.rect_from_ego)
-    found = {frame: read_objects(path, ego_from_rect) for frame, path in files.items()}
-    frames = [np.full(len(boxes), frame) for frame, (_, boxes) in found.items()]
-    class_names = [name for names, _ in found.values() for name in names]
+    known = {frame.index for frame in drive.frames}
+    files = {frame: path for frame, path in _object_files(drive).items() if frame in known}
+    ego_from_rect = _ego_from_rect(drive)
+    found: dict[int, ObjectBoxes] = {
+        frame: read_objects(path, ego_from_rect, turns_about_lidar=drive.is_view_of_delft)
+        for frame, path in files.items()
+    }
+    frames = [np.full(len(objects.boxes), frame) for frame, objects in found.items()]
+    class_names = [name for objects in found.values() for name in objects.class_names]
     # The files name no object, so an object of each frame is another one.
-    ids = [f"{frame}-{number}" for frame, (names, _) in found.items() for number in range(len(names))]
-    return _labels(frames, [boxes for _, boxes in found.values()], class_names, ids)
+    ids = [f"{frame}-{number}" for frame, objects in found.items() for number in objects.ids.tolist()]
+    return _labels(frames, [objects.boxes for objects in found.values()], class_names, ids)
+
+
+def _sequence_objects(drive: KittiDrive) -> Labels:
+    objects = read_sequence_objects(_sequence_path(drive), _ego_from_rect(drive))
+    ids = [str(number) for number in objects.ids.tolist()]
+    return _labels([objects.frames], [objects.boxes], objects.class_names, ids)
+
+
+def _ego_from_rect(drive: KittiDrive) -> Array:
+    if drive.calibration.rect_from_ego is None:
+        raise BadInput(f"the labels of {drive.name} are in camera axes; {_missing_calibration(drive)}")
+    return np.linalg.inv(drive.calibration.rect_from_ego)
+
+
+def _missing_calibration(drive: KittiDrive) -> str:
+    if drive.layout == "raw":
+        return "put calib_cam_to_cam.txt and calib_velo_to_cam.txt beside the drive"
+    return "put its calibration file where the data set has it (calib)"
 
 
 def _labels(frames: list[Array], parts: list[Boxes], class_names: list[str], ids: list[str]) -> Labels:
@@ -123,33 +170,10 @@ def _labels(frames: list[Array], parts: list[Boxes], class_names: list[str], ids
     )
 
 
-def _velocities(labels: Labels, drive: KittiDrive) -> Array:
-    """Return (n, 3) velocities over ground between the neighboring frames of an object; NaN for a single frame."""
-    if drive.world_from_ego is None or not len(labels):
-        return labels.velocity_mps
-    step = np.searchsorted([frame.index for frame in drive.frames], labels.frame)
-    time_ns = np.array([frame.time_ns for frame in drive.frames])[step]
-    world_from_ego = drive.world_from_ego[step]  # (n, 4, 4)
-    center_world_m = apply(world_from_ego, labels.center_m[:, None])[:, 0]
-    order = np.lexsort((labels.frame, labels.object_id))
-    same = labels.object_id[order][1:] == labels.object_id[order][:-1]
-    before, after = order.copy(), order.copy()
-    before[1:][same], after[:-1][same] = order[:-1][same], order[1:][same]
-    seconds = (time_ns[after] - time_ns[before]) / 1e9
-    velocity = np.full((len(labels), 3), np.nan)
-    moved = seconds > 0
-    velocity[order[moved]] = (center_world_m[after] - center_world_m[before])[moved] / seconds[moved, None]
-    return (velocity[:, None] @ world_from_ego[:, :3, :3])[:, 0]
-
-
 def _on_points(labels: Labels, drive: KittiDrive) -> Labels:
-    """Return the boxes moved as the points that they were drawn around, and how many points are inside."""
+    """Return the boxes moved as the points that they were drawn around."""
     center_m = labels.center_m.copy()
-    count = np.zeros(len(labels), dtype=np.int64)
     for frame in np.unique(labels.frame).tolist():
         here = labels.frame == frame
         center_m[here] = drive.untwist(frame, center_m[here])
-        boxes = Boxes(center_m[here], labels.size_lwh_m[here], labels.heading_rad[here])
-        xyz_ego_m = drive.points(frame).xyz_ego_m
-        count[here] = points_inside(xyz_ego_m, boxes, margin_m=0.0).sum(axis=1)
-    return replace(labels, center_m=center_m, num_points=count)
+    return replace(labels, center_m=center_m)

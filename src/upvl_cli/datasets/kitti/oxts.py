@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from upvl_cli.datasets.kitti.text import numbers, read_text
+from upvl_cli.datasets.shared.numbers import numbers
 from upvl_cli.errors import BadInput
 from upvl_cli.geometry.se3 import compose
 from upvl_cli.types import Array
@@ -18,20 +18,28 @@ _ALTITUDE_M = (-1000.0, 10_000.0)  # the Dead Sea lies at -430 m, the highest ro
 _MOST_WAY_M = 1e6  # from the first frame: more than a car drives in a day
 
 
-def world_from_ego(records: Mapping[int, Path], frames: Sequence[int], ego_from_imu: Array) -> Array:
+@dataclass(frozen=True)
+class Record:
+    """One line of an oxts file, and which line of which file it is."""
+
+    text: str
+    where: str
+
+
+def world_from_ego(first: Record, records: Sequence[Record], ego_from_imu: Array) -> Array:
     """Return the pose of each frame: x east, y north, z up, with the first frame's LiDAR at the origin.
 
     Args:
-        records: The record of each frame number; the first of them sets the scale of the projection, so
-            that a drive of which a part is missing keeps the coordinates of the whole one.
-        frames: Numbers of the frames, all of them in `records`.
+        first: The first record of the drive; it sets the scale of the projection, so that a drive of which a
+            part is missing keeps the coordinates of the whole one.
+        records: The record of each frame.
         ego_from_imu: (4, 4) pose of the inertial unit in ego axes.
 
     Returns:
         (T, 4, 4) float64; raises `BadInput` for a record that is not what it has to be.
     """
-    first_latitude_deg = _read_record(records[min(records)])[0] if records else 0.0
-    values = np.array([_read_record(records[frame]) for frame in frames]).reshape(-1, 6)
+    first_latitude_deg = _read_record(first)[0]
+    values = np.array([_read_record(record) for record in records]).reshape(-1, 6)
     poses = compose(
         world_from_imu(values, first_latitude_deg=first_latitude_deg), np.linalg.inv(ego_from_imu)
     )
@@ -39,8 +47,8 @@ def world_from_ego(records: Mapping[int, Path], frames: Sequence[int], ego_from_
     far = np.flatnonzero(np.abs(poses[:, :3, 3]).max(axis=1) > _MOST_WAY_M)
     if len(far):
         raise BadInput(
-            f"{records[frames[far[0]]]}, line 1 lies {np.abs(poses[far[0], :3, 3]).max() / 1000:.0f} km from "
-            f"{records[frames[0]].name}, expected one drive; copy the files again"
+            f"{records[far[0]].where} lies {np.abs(poses[far[0], :3, 3]).max() / 1000:.0f} km from "
+            f"{records[0].where}, expected one drive; copy the files again"
         )
     return poses
 
@@ -78,17 +86,17 @@ def _rotation(roll: Array, pitch: Array, yaw: Array) -> Array:
     return np.moveaxis(np.array(rows), -1, 0)  # (n, 3, 3)
 
 
-def _read_record(path: Path) -> Array:
-    values = numbers(read_text(path), _FIELDS, f"{path}, line 1")[:6]
+def _read_record(record: Record) -> Array:
+    values = numbers(record.text, _FIELDS, record.where)[:6]
     if not abs(values[0]) < 90 or not abs(values[1]) <= 180:
         raise BadInput(
-            f"{path}, line 1: latitude {values[0]:g}, longitude {values[1]:g} are no place on Earth"
+            f"{record.where}: latitude {values[0]:g}, longitude {values[1]:g} are no place on Earth"
         )
     if not _ALTITUDE_M[0] < values[2] < _ALTITUDE_M[1]:
-        raise BadInput(f"{path}, line 1: no road has an altitude of {values[2]:g} m; copy the file again")
+        raise BadInput(f"{record.where}: no road has an altitude of {values[2]:g} m; copy the file again")
     if not np.abs(values[3:]).max() <= 2 * np.pi:
         raise BadInput(
-            f"{path}, line 1: roll, pitch and yaw are {values[3:].tolist()}, expected radians in a turn; "
+            f"{record.where}: roll, pitch and yaw are {values[3:].tolist()}, expected radians in a turn; "
             "copy the file again"
         )
     return values

@@ -8,7 +8,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from upvl_cli.datasets.kitti.text import numbers, read_text
+from upvl_cli.datasets.shared.content import read_text
+from upvl_cli.datasets.shared.numbers import numbers
 from upvl_cli.errors import BadInput
 from upvl_cli.geometry.se3 import wrap_angle
 from upvl_cli.types import Array, Boxes
