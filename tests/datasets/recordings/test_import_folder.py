@@ -165,7 +165,10 @@ def test_times_of_points_become_offsets(tmp_path: Path) -> None:
         arrays = {"xyz": rows(k)[:, :3], "intensity": rows(k)[:, 3].astype("u1"), "timestamp": stamps}
         np.savez(tmp_path / "scans" / f"{time_ns}.npz", **arrays)
     summary = run(tmp_path / "scans", tmp_path / "drives")
-    assert "intensity 0 to 255, times of points in microseconds" in summary.notes
+    assert (
+        "npz with xyz, intensity, timestamp: intensity 0 to 255, times of points in microseconds"
+        in summary.notes
+    )
     drive = opened(tmp_path / "drives", "scans")
     np.testing.assert_array_equal(drive.points(1).time_offset_ns, np.arange(400) * 250_000)
     assert drive.table.is_compensated is False

@@ -114,7 +114,10 @@ def test_without_poses_and_without_tf(tmp_path: Path) -> None:
 def test_times_of_points_are_kept(tmp_path: Path, is_big: bool) -> None:
     bag = write_bag(tmp_path / "bag", timed=True, big_endian=is_big)
     summary = run(bag, tmp_path / "drives")
-    assert "intensity 0 to 255, times of points in nanoseconds" in summary.notes
+    assert (
+        "PointCloud2 with x, y, z, reflectivity, t: intensity 0 to 255, times of points in nanoseconds"
+        in summary.notes
+    )
     drive = ParquetDrives(tmp_path / "drives").open("drive")
     assert not drive.table.is_compensated
     offset_ns = drive.points(2).time_offset_ns

@@ -33,10 +33,12 @@ class LidarUnits:
     Attributes:
         intensity_max: What 1 stands for; 0 where it gives no intensity.
         time_unit_ns: Nanoseconds of one unit of its point times; 0 where it gives none.
+        layouts: What its sweeps were recognised as; more than one where they differ.
     """
 
     intensity_max: float
     time_unit_ns: float
+    layouts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -78,7 +80,7 @@ class Conversion:
                 if units.time_unit_ns
                 else "no times of points"
             )
-            found.append(f"{name}{scale}, {time}")
+            found.append(f"{name}{' or '.join(units.layouts)}: {scale}, {time}")
         return tuple(found)
 
     def row(self, sweep: RecordedSweep, skipped: Counter[str]) -> PointsRow:
@@ -136,6 +138,7 @@ def measure(
         lidar: LidarUnits(
             _intensity_max([scan.points.intensity for scan in scans], intensity_max),
             _time_unit_ns([scan.points.time for scan in scans]),
+            tuple(sorted({scan.points.layout for scan in scans})),
         )
         for lidar, scans in by_lidar.items()
     }
