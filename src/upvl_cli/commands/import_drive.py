@@ -18,6 +18,7 @@ from upvl_cli.datasets.recordings.scan_folder import ScanOptions as ScanOptions
 from upvl_cli.datasets.recordings.scan_folder import open_scan_folder, segment_name
 from upvl_cli.datasets.recordings.store import MARK, ImportCounts, check_free, mark_of, write_points
 from upvl_cli.datasets.recordings.sustech import is_sustech, open_sustech
+from upvl_cli.datasets.shared.content import unreadable
 from upvl_cli.datasets.shared.paths import check_segment_name
 from upvl_cli.errors import BadInput, BadSetting, UpvlError
 from upvl_cli.runtime.atomic import write_if_changed
@@ -85,7 +86,10 @@ def import_drive(request: ImportRequest, watch: Watch) -> ImportSummary:
         BadSetting: An option is wrong.
         UpvlError: The folder cannot be written, or holds a file of that name that no import wrote.
     """
-    recording = _open(request)
+    try:
+        recording = _open(request)
+    except OSError as error:  # a folder that may not be looked into
+        raise unreadable(request.source, error) from None
     segment = check_segment_name(request.segment or recording.name, "--segment")
     paths = {name: request.folder / name / f"{segment}.parquet" for name in ("points", "cameras", "images")}
     for path in paths.values():

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag1 import Writer as BagWriter
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from datasets.recordings.street import (
@@ -122,11 +123,15 @@ def write_bag(
     storage: str = "mcap",
     encoding: str = "png",
     second: bool = False,
+    compression: str = "",
     **options: bool,
 ) -> Path:
     """Write a recording of sweeps, pictures 20 ms later, TF and odometry at half frames."""
     plugin = StoragePlugin.MCAP if storage == "mcap" else StoragePlugin.SQLITE3
-    with Writer(path, version=9, storage_plugin=plugin) as writer:
+    writer = Writer(path, version=9, storage_plugin=plugin)
+    if compression:
+        writer.set_compression(CompressionMode[compression], CompressionFormat.ZSTD)
+    with writer:
 
         def topic(name: str, kind: str) -> Any:
             return writer.add_connection(name, kind, typestore=STORE)
@@ -168,4 +173,29 @@ def write_bag(
                 time_ns + CAMERA_DELAY_NS,
                 image(time_ns + CAMERA_DELAY_NS, 10 * k % 250, encoding=encoding),
             )
+    return path
+
+
+def write_bag1(path: Path, frames: int = 4) -> Path:
+    """Write a recording of ROS 1: a LiDAR, and its poses at half frames."""
+    store = get_typestore(Stores.ROS1_NOETIC)
+    kinds = {"/points": "sensor_msgs/msg/PointCloud2", "/pose": "geometry_msgs/msg/PoseStamped"}
+
+    def old(message: Any) -> Any:
+        stamped = message.header
+        message.header = store.types["std_msgs/msg/Header"](
+            seq=0, stamp=stamped.stamp, frame_id=stamped.frame_id
+        )
+        return message
+
+    with BagWriter(path) as writer:
+        topics = {name: writer.add_connection(name, kind, typestore=store) for name, kind in kinds.items()}
+        for k, time_ns in enumerate([times_ns(1)[0] - STEP_NS, *times_ns(frames)]):
+            half_ns = time_ns + STEP_NS // 2
+            pose = odometry(half_ns, world_from_lidar(k - 0.5))
+            pose = old(TYPES["geometry_msgs/msg/PoseStamped"](header=pose.header, pose=pose.pose.pose))
+            writer.write(topics["/pose"], half_ns, store.serialize_ros1(pose, kinds["/pose"]))
+        for k, time_ns in enumerate(times_ns(frames)):
+            message = store.serialize_ros1(old(cloud(time_ns, rows(k))), kinds["/points"])
+            writer.write(topics["/points"], time_ns, message)
     return path

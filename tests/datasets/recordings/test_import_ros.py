@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from datasets.recordings.ros_bags import (
     camera_info,
     cloud,
     write_bag,
+    write_bag1,
 )
 from datasets.recordings.street import FIRST_NS, INTRINSIC, rows, times_ns, world_from_lidar
 from upvl_cli.commands.import_drive import ImportRequest, ImportSummary, ScanOptions, import_drive
@@ -145,6 +147,29 @@ def test_raw_pictures_are_compressed(tmp_path: Path, encoding: str) -> None:
     run(bag, tmp_path / "drives", MAP.replace("/compressed", ""))
     image = ParquetDrives(tmp_path / "drives").open("drive").image(2, "front")
     np.testing.assert_allclose(image.rgb[20, 20], (20, 0, 200), atol=6)
+
+
+@pytest.mark.parametrize(("storage", "mode"), [("mcap", "MESSAGE"), ("db3", "MESSAGE"), ("db3", "FILE")])
+def test_packed_recordings(tmp_path: Path, storage: str, mode: str) -> None:
+    bag = write_bag(tmp_path / "bag", storage=storage, compression=mode)
+    assert run(bag, tmp_path / "drives").counts.points == 1600
+
+
+def test_a_recording_of_ros_1(tmp_path: Path) -> None:
+    bag = write_bag1(tmp_path / "old.bag")
+    summary = run(bag, tmp_path / "drives", 'lidars = ["/points"]\nodometry = "/pose"\n')
+    assert summary.counts.points == 1600
+    drive = ParquetDrives(tmp_path / "drives").open("drive")
+    np.testing.assert_allclose(drive.points(1).xyz_ego_m, rows(1)[:, :3], rtol=1e-6)
+    np.testing.assert_allclose(drive.world_from_ego[2], world_from_lidar(2), atol=0.01)
+
+
+@pytest.mark.parametrize("package", ["mcap", "rosbags"])
+def test_a_missing_package_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, package: str) -> None:
+    bag = write_bag(tmp_path / "bag")
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(BadSetting, match=rf"needs the package {package}; run: pip install 'upvl\[ros\]'"):
+        run(bag, tmp_path / "drives")
 
 
 @pytest.mark.parametrize("part", [0.999, 0.6])

@@ -7,6 +7,7 @@ MCAP files are read by `mcap`, which reads those without an index and those that
 from __future__ import annotations
 
 import contextlib
+import re
 import struct
 import zlib
 from collections.abc import Collection, Iterator, Mapping
@@ -14,8 +15,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+from upvl_cli.datasets.shared.content import read_text
 from upvl_cli.errors import BadInput, BadSetting, one_line
 
+_COMPRESSED = re.compile(r"compression_mode:\s*['\"]?message", re.IGNORECASE)
 _MCAP_START = b"\x89MCAP0\r\n"
 # What the libraries raise at damaged bytes, beside errors of their own.
 _DAMAGE = (
@@ -88,6 +91,9 @@ def open_source(source: Path) -> RosSource:
     mcap_files = (
         _mcap_files(source) if source.is_dir() else [source] if source.suffix.lower() == ".mcap" else []
     )
+    index = source / "metadata.yaml"
+    if index.is_file() and _COMPRESSED.search(read_text(index)):
+        mcap_files = []  # each message is packed on its own, of which only the folder's index tells
     with damage(source):
         return McapSource(tuple(mcap_files)) if mcap_files else BagSource(source)
 
