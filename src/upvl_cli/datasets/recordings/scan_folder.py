@@ -93,7 +93,7 @@ def open_scan_folder(source: Path, options: ScanOptions, cameras: Sequence[Folde
     Args:
         source: The folder, or one that holds a single folder of point files.
         options: What its owner says about it.
-        cameras: Cameras that the folder's own layout tells of, in ego axes; those of the options come on top.
+        cameras: Cameras that the folder's own layout tells of, in ego axes; those of the options replace them.
 
     Raises:
         BadInput: It holds no points, or sweeps, times and poses cannot be paired.
@@ -121,7 +121,8 @@ def open_scan_folder(source: Path, options: ScanOptions, cameras: Sequence[Folde
             f"{folder}: none of {len(scans)} sweeps has both a time and a pose; check {options.poses}"
         )
     check_frames([Frame(scan.frame, scan.time_ns) for scan in kept], options.times or folder)
-    folder_cameras = (*cameras, *(read_cameras(options.cameras, turn) if options.cameras else ()))
+    given = read_cameras(options.cameras, turn) if options.cameras else ()
+    folder_cameras = tuple({known.camera.name: known for known in (*cameras, *given)}.values())
     by_frame = {
         scan.frame: (known, scan.time_ns) for scan, known in zip(scans, stems, strict=True) if not scan.reason
     }
