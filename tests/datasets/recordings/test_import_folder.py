@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from pathlib import Path
 
@@ -140,6 +141,34 @@ def test_an_import_that_was_stopped_goes_on_and_ends_the_same(
     assert [path.name for path in (tmp_path / "b" / "points").iterdir()] == ["scans.parquet"]
 
 
+def test_parts_of_other_files_or_options_are_not_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(store, "_PART_SWEEPS", 2)
+    source = write_scans(tmp_path / "scans", frames=7)
+
+    def steps(rate_hz: float, most: int = 100) -> list[int]:
+        def step(what: str, count: int, total: int) -> None:
+            seen.append(count)
+            if sum(seen) == most:
+                raise KeyboardInterrupt
+
+        seen: list[int] = []
+        request = ImportRequest(source, tmp_path / "drives", scan=ScanOptions(rate_hz=rate_hz))
+        with contextlib.suppress(KeyboardInterrupt):
+            import_drive(request, step)
+        return seen
+
+    assert steps(10.0, most=6) == [0, 1, 1, 1, 1, 1, 1]
+    assert steps(5.0, most=6)[0] == 0
+    (tmp_path / "drives" / "points" / ".scans.parts" / "00000002.parquet").unlink()
+    assert steps(5.0, most=7)[0] == 2  # the part behind the gap is no use
+    assert steps(5.0)[0] == 6
+    run(source, tmp_path / "fresh", rate_hz=5.0)
+    first, second = (tmp_path / name / "points" / "scans.parquet" for name in ("drives", "fresh"))
+    assert first.read_bytes() == second.read_bytes()
+
+
 def test_the_same_again_does_nothing_and_changed_files_are_read_again(tmp_path: Path) -> None:
     source = write_scans(tmp_path / "scans")
     assert not run(source, tmp_path / "drives", rate_hz=10.0).was_there
@@ -205,6 +234,19 @@ def test_cameras_beside_a_folder(tmp_path: Path) -> None:
     np.testing.assert_allclose(place, [0, 0, 10, 1], atol=1e-9)  # straight ahead
 
 
+def test_a_damaged_picture_is_left_out(tmp_path: Path) -> None:
+    """Its header is whole, its data are not."""
+    source = write_scans(tmp_path / "scans")
+    (tmp_path / "front").mkdir()
+    for number in range(60, 64):
+        content = picture(number) if number != 62 else picture(number)[:80] + b"!" + picture(number)[81:]
+        (tmp_path / "front" / f"{number:06d}.png").write_bytes(content)
+    summary = run(source, tmp_path / "drives", rate_hz=10.0, cameras=cameras(tmp_path))
+    assert summary.counts.skipped == {"damaged pictures, or of another size than their calibration": 1}
+    assert "000062.png" in next(iter(summary.counts.examples.values()))
+    assert opened(tmp_path / "drives", "scans").image(62, "front") is None
+
+
 def test_a_scene_of_sustechpoints(tmp_path: Path) -> None:
     scene = tmp_path / "scene"
     write_scans(scene / "lidar")
@@ -221,6 +263,7 @@ def test_a_scene_of_sustechpoints(tmp_path: Path) -> None:
     assert (summary.segment, summary.counts.pictures, summary.cameras) == ("scene", 4, ("front",))
     drive = opened(tmp_path / "drives", "scene")
     np.testing.assert_allclose(drive.cameras[0].ego_from_camera[:3, 2], [1, 0, 0], atol=1e-9)  # looks forward
+    np.testing.assert_allclose(drive.cameras[0].ego_from_camera[:3, 3], [0.1, 0.2, 0], atol=1e-9)
     np.testing.assert_allclose(drive.cameras[0].ego_from_camera[:3, 1], [0, 0, -1], atol=1e-9)  # y leads down
 
 

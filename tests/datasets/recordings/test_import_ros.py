@@ -22,13 +22,15 @@ from datasets.recordings.ros_bags import (
     LIDAR_TURN_S,
     camera_info,
     cloud,
+    transform,
     write_bag,
     write_bag1,
 )
-from datasets.recordings.street import FIRST_NS, INTRINSIC, rows, times_ns, world_from_lidar
+from datasets.recordings.street import FIRST_NS, INTRINSIC, STEP_NS, rows, times_ns, world_from_lidar
 from upvl_cli.commands.import_drive import ImportRequest, ImportSummary, ScanOptions, import_drive
 from upvl_cli.datasets.parquet.dataset import ParquetDrives
 from upvl_cli.datasets.recordings import ros_messages
+from upvl_cli.datasets.recordings.ros_frames import FrameTree
 from upvl_cli.errors import BadInput, BadSetting, UpvlError
 
 MAP = """
@@ -93,6 +95,34 @@ def test_a_map_is_proposed_and_works_as_it_is(tmp_path: Path) -> None:
     with pytest.raises(BadSetting, match="one was proposed"):
         import_drive(request, lambda *_: None)
     assert proposed.read_text() == "mine"
+
+
+def test_frames_along_a_chain() -> None:
+    """The map holds odom, which holds the car, on which a mast holds the LiDAR: each turned and moved."""
+    tree = FrameTree()
+    edges = [("map", "odom"), ("odom", "base_link"), ("base_link", "mast"), ("mast", "lidar")]
+    steps = [world_from_lidar(number) for number in (3, 7, 11, 20)]
+    for place, ((parent, child), step) in enumerate(zip(edges, steps, strict=True)):
+        messages = [
+            transform(FIRST_NS, parent, child, step),
+            transform(FIRST_NS + STEP_NS, parent, child, step),
+        ]
+        tree.add(messages, 0, is_fixed=place > 1)
+    first, second, third, fourth = steps
+    truth = first @ second @ third @ fourth
+    np.testing.assert_allclose(tree.transform("map", "lidar", FIRST_NS), truth, atol=1e-9)
+    np.testing.assert_allclose(tree.transform("lidar", "map", FIRST_NS), np.linalg.inv(truth), atol=1e-9)
+    np.testing.assert_allclose(tree.mount("base_link", "lidar", "it"), third @ fourth, atol=1e-9)
+    assert tree.transform("map", "lidar", FIRST_NS + 10 * STEP_NS) is None
+    assert tree.transform("map", "elsewhere", FIRST_NS) is None
+    assert (tree.ego_frame, tree.world_frame("base_link")) == ("base_link", "odom")
+
+
+def test_frames_in_a_circle_end() -> None:
+    tree = FrameTree()
+    tree.add([transform(0, "a", "b", np.eye(4)), transform(0, "b", "a", np.eye(4))], 0, is_fixed=True)
+    np.testing.assert_allclose(tree.transform("a", "b", 0), np.eye(4))
+    assert tree.world_frame("a") == ""
 
 
 def test_poses_from_an_odometry_topic(tmp_path: Path) -> None:

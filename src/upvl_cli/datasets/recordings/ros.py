@@ -18,7 +18,7 @@ from upvl_cli.datasets.recordings.ros_source import Decoder, RosMessage, RosSour
 from upvl_cli.datasets.recordings.ros_topics import TF_TOPICS, TopicMap, proposed_map, read_topic_map
 from upvl_cli.datasets.recordings.scan_drive import DAMAGED_PICTURE, NO_PICTURE
 from upvl_cli.datasets.recordings.scan_folder import segment_name
-from upvl_cli.datasets.shared.pictures import check_picture_size
+from upvl_cli.datasets.shared.pictures import read_picture
 from upvl_cli.datasets.shared.poses import MAX_ON_CAR_M, check_pose
 from upvl_cli.errors import BadInput
 from upvl_cli.geometry.se3 import compose, inverse
@@ -172,7 +172,7 @@ class RosDrive:
         try:
             decoded = self.decoder.decode(message)
             content = ros_messages.picture(decoded, where)
-            check_picture_size(content, camera.width_px, camera.height_px, where)
+            read_picture(content, camera.width_px, camera.height_px, where)
         except BadInput as error:
             return LeftOut(0, DAMAGED_PICTURE, error)
         return RecordedPicture(frame, camera.name, ros_messages.stamp_ns(decoded, message.log_ns), content)

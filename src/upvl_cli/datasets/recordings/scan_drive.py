@@ -10,7 +10,7 @@ import numpy as np
 
 from upvl_cli.datasets.recordings.recording import LeftOut, LidarScan, RecordedPicture, RecordedSweep
 from upvl_cli.datasets.shared.content import read_bytes
-from upvl_cli.datasets.shared.pictures import check_picture_size
+from upvl_cli.datasets.shared.pictures import read_picture
 from upvl_cli.datasets.shared.point_files.read import read_points
 from upvl_cli.errors import BadInput
 from upvl_cli.runtime.parallel import in_order
@@ -123,7 +123,8 @@ class ScanDrive:
                 continue
             try:
                 content = read_bytes(picture.path)
-                check_picture_size(content, camera.width_px, camera.height_px, picture.path)
+                # Decoded once: a damaged one is left out here, and stops no stage later.
+                read_picture(content, camera.width_px, camera.height_px, picture.path)
                 yield RecordedPicture(frame, camera.name, picture.time_ns, content)
             except BadInput as error:
                 yield LeftOut(item, DAMAGED_PICTURE, error)
