@@ -81,12 +81,13 @@ def scan_points(columns: Mapping[str, Array], layout: str, where: str) -> ScanPo
     Raises:
         BadInput: There is no x, y or z, or a place is farther away than a LiDAR sees.
     """
+    layout = " ".join(layout.split())  # names in damaged files may hold anything
     by_name: dict[str, Array] = {}
     for name, values in columns.items():
         by_name.setdefault(name.strip().lower().removeprefix("scalar_"), values)
     places = [find(by_name, names) for names in _XYZ]
     if any(place is None for place in places):
-        found = ", ".join(str(name)[:40] for name in list(columns)[:20]) or "none"
+        found = ", ".join(" ".join(str(name)[:40].split()) for name in list(columns)[:20]) or "none"
         raise BadInput(f"{where} ({layout}) has the columns {found}; expected x, y and z among them")
     with np.errstate(over="ignore", invalid="ignore"):
         xyz_m = np.stack([np.asarray(place).astype(np.float32) for place in places], axis=1)
