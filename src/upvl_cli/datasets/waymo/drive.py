@@ -122,13 +122,13 @@ class WaymoDrive:
             BadInput: There is no such frame, or its files are damaged.
         """
         found = self.returns(frame)
-        count = [len(item.pixel) for item in found]
+        count, places_m = [len(item.pixel) for item in found], [item.xyz_ego_m for item in found]
         intensity = np.concatenate([*(item.intensity for item in found), np.zeros(0, np.float32)])
         return Points(
-            xyz_ego_m=np.concatenate([*(item.xyz_ego_m for item in found), np.zeros((0, 3))]),
+            xyz_ego_m=np.concatenate([*places_m, np.zeros((0, 3))], dtype=np.float32, casting="same_kind"),
             intensity=np.tanh(np.maximum(intensity, 0)),
             elongation=np.concatenate([*(item.elongation for item in found), np.zeros(0, np.float32)]),
-            sensor=np.repeat([item.laser for item in found], count),
+            sensor=np.repeat(np.array([item.laser for item in found], np.uint8), count),
             time_offset_ns=np.zeros(sum(count), np.int64),
         )
 
