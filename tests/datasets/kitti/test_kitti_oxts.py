@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from upvl_cli.datasets.kitti.oxts import Record, world_from_ego, world_from_imu
+from upvl_cli.datasets.kitti.oxts import OxtsRecord, world_from_ego, world_from_imu
 
 
 def test_attitude_is_yaw_then_pitch_then_roll() -> None:
@@ -28,7 +28,7 @@ def test_a_ten_thousandth_of_a_degree_is_its_length_on_the_ground() -> None:
 
 def test_the_first_record_of_the_drive_sets_the_scale() -> None:
     places = [(10.0, 8.0), (60.0, 8.0), (60.0, 8.0001)]
-    records = [Record(" ".join(map(str, [*place, *[0] * 28])), "a line") for place in places]
+    records = [OxtsRecord(" ".join(map(str, [*place, *[0] * 28])), "a line") for place in places]
     poses = world_from_ego(records[0], records[1:], np.eye(4))
     east_m = np.deg2rad(1e-4) * 6378137 * np.cos(np.deg2rad(10.0))
     np.testing.assert_allclose(poses[:, :3, 3], [[0, 0, 0], [east_m, 0, 0]], atol=1e-6)

@@ -19,14 +19,14 @@ _MOST_WAY_M = 1e6  # from the first frame: more than a car drives in a day
 
 
 @dataclass(frozen=True)
-class Record:
+class OxtsRecord:
     """One line of an oxts file, and which line of which file it is."""
 
     text: str
     where: str
 
 
-def world_from_ego(first: Record, records: Sequence[Record], ego_from_imu: Array) -> Array:
+def world_from_ego(first: OxtsRecord, records: Sequence[OxtsRecord], ego_from_imu: Array) -> Array:
     """Return the pose of each frame: x east, y north, z up, with the first frame's LiDAR at the origin.
 
     Args:
@@ -86,7 +86,7 @@ def _rotation(roll: Array, pitch: Array, yaw: Array) -> Array:
     return np.moveaxis(np.array(rows), -1, 0)  # (n, 3, 3)
 
 
-def _read_record(record: Record) -> Array:
+def _read_record(record: OxtsRecord) -> Array:
     values = numbers(record.text, _FIELDS, record.where)[:6]
     if not abs(values[0]) < 90 or not abs(values[1]) <= 180:
         raise BadInput(

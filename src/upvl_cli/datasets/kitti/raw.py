@@ -13,7 +13,7 @@ from pathlib import Path
 from upvl_cli.datasets.kitti import twist
 from upvl_cli.datasets.kitti.calibration import Calibration, read_calibration
 from upvl_cli.datasets.kitti.drive import KittiDrive, complete_frames
-from upvl_cli.datasets.kitti.oxts import Record, world_from_ego
+from upvl_cli.datasets.kitti.oxts import OxtsRecord, world_from_ego
 from upvl_cli.datasets.kitti.pictures import (
     CAMERAS,
     Picture,
@@ -111,7 +111,7 @@ def _poses(records: Mapping[int, Path], numbers: list[int], ego_from_imu: Array 
     if ego_from_imu is None or not records:
         return None
     texts = {
-        number: Record(read_text(records[number]), f"{records[number]}, line 1")
+        number: OxtsRecord(read_text(records[number]), f"{records[number]}, line 1")
         for number in (min(records), *numbers)
     }
     return world_from_ego(texts[min(records)], [texts[number] for number in numbers], ego_from_imu)

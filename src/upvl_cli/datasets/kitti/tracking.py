@@ -8,7 +8,7 @@ from pathlib import Path
 
 from upvl_cli.datasets.kitti import twist
 from upvl_cli.datasets.kitti.drive import KittiDrive, complete_frames
-from upvl_cli.datasets.kitti.oxts import Record, world_from_ego
+from upvl_cli.datasets.kitti.oxts import OxtsRecord, world_from_ego
 from upvl_cli.datasets.kitti.pictures import CAMERAS
 from upvl_cli.datasets.kitti.sequence import SequenceFiles, nominal_times, read_cameras, sequence_drive
 from upvl_cli.datasets.kitti.timestamps import TIMES_ASSUMED, lines_of_frames, read_lines
@@ -46,11 +46,11 @@ def open_tracking(folder: Path, name: str) -> KittiDrive:
     return sequence_drive(files, frames, poses, skipped, turn_s=twist.turn_s(times), is_compensated=False)
 
 
-def _records(path: Path, sweeps: Mapping[int, Path]) -> dict[int, Record]:
+def _records(path: Path, sweeps: Mapping[int, Path]) -> dict[int, OxtsRecord]:
     lines = read_lines(path)
     line_of = lines_of_frames(len(lines), sweeps, path)
     return {
-        frame: Record(lines[line], f"{path}, line {line + 1}")
+        frame: OxtsRecord(lines[line], f"{path}, line {line + 1}")
         for frame, line in line_of.items()
         if lines[line].strip()
     }
