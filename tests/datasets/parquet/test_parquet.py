@@ -80,6 +80,17 @@ def test_any_row_groups_in_any_order(row_group_size: int, root: Path) -> None:
     check_dataset(ParquetDrives(root))
 
 
+def test_a_sweep_without_points(root: Path) -> None:
+    """An empty list, and no list at all, in every column."""
+    plain = open_door.point_columns()
+    names = ("x_m", "y_m", "z_m", "intensity", "sensor")
+    for cell in ([], None):
+        columns = {name: pa.array([cell, *pa.array(plain[name]).to_pylist()[1:]]) for name in names}
+        write_points(root, **columns)
+        assert len(drive_of(root).points(FRAMES[0])) == 0
+        assert len(drive_of(root).points(FRAMES[1])) > 0
+
+
 def test_many_rows_in_one_row_group(tmp_path: Path) -> None:
     """More rows than are kept of a stream: forwards, far back, and forwards again."""
     count = 40
@@ -213,8 +224,8 @@ WRONG_POINTS = [
     ),
     ("a list is shorter", {"y_m": [[1.0]] * 4}, "lists of different lengths"),
     ("places are text", {"x_m": [["a"]] * 4}, "expected a list of numbers"),
-    ("a sweep is empty", {"x_m": nested([None] * 4, pa.float32())}, "row 0 is empty (null)"),
-    ("a sweep has nulls inside", {"x_m": nested([[None] * 1280] * 4, pa.float32())}, "empty numbers"),
+    ("a sweep is empty", {"x_m": nested([None] * 4, pa.float32())}, "lists of different lengths"),
+    ("a sweep has nulls inside", {"x_m": nested([[None] * 1280] * 4, pa.float32())}, "numbers are null"),
     ("places are kilometres off", {"x_m": FAR, "y_m": FAR, "z_m": FAR}, "check the unit"),
     ("intensities are bytes", {"intensity": [np.full(1280, 255.0)] * 4}, "expected 0 to 1; divide"),
     ("a sensor number is large", {"sensor": nested([[300] * 1280] * 4, pa.int64())}, "column sensor"),

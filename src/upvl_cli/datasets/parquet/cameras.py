@@ -10,7 +10,6 @@ from typing import Literal
 
 import numpy as np
 
-from upvl_cli.datasets.parquet.rows import ParquetRows
 from upvl_cli.datasets.shared.arrow import (
     arrow_errors,
     check_columns,
@@ -22,6 +21,7 @@ from upvl_cli.datasets.shared.arrow import (
     texts,
     values,
 )
+from upvl_cli.datasets.shared.parquet_columns import BytesColumn
 from upvl_cli.datasets.shared.paths import inside
 from upvl_cli.datasets.shared.pictures import check_picture_size, read_picture
 from upvl_cli.datasets.shared.poses import MAX_ON_CAR_M, check_pose
@@ -127,7 +127,7 @@ class PictureTable:
     row: Mapping[tuple[int, str], int]
     time_ns: Array
     paths: list[str | None]
-    _content: ParquetRows | None
+    _content: BytesColumn | None
 
     def read(self, frame: int, camera: Camera) -> Image | None:
         """Return the picture of a camera in a frame, or None where there is none.
@@ -162,10 +162,8 @@ class PictureTable:
             return path, str(path)
         if self._content is None:
             raise BadInput(f"{where} has neither path nor data, expected one of them")
-        cell = self._content.read(row)["data"]
-        with arrow_errors(where):
-            content = cell[0].as_py()
-        if not isinstance(content, bytes) or not content:
+        content = self._content.row(row)
+        if not content:
             raise BadInput(f"{where} has neither path nor data, expected the bytes of a JPEG or PNG in data")
         return content, where
 
@@ -210,5 +208,5 @@ def open_pictures(
             row_of[frame, camera] = row
             if (text := paths[row]) is not None:
                 inside(root, text, f"{path}, row {row}")
-    content = ParquetRows(path, ["data"]) if "data" in names else None
+    content = BytesColumn(path, "data") if "data" in names else None
     return PictureTable(root, path, row_of, time_ns, paths, content)

@@ -9,17 +9,16 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from upvl_cli.datasets.parquet.rows import ParquetRows
 from upvl_cli.datasets.shared.arrow import (
     check_columns,
     integers,
     is_list,
-    list_cell,
     matrices,
     metadata_text,
     open_parquet,
     read_parquet,
 )
+from upvl_cli.datasets.shared.parquet_columns import ListColumn
 from upvl_cli.datasets.shared.poses import check_pose
 from upvl_cli.datasets.shared.times import check_frames
 from upvl_cli.errors import BadInput
@@ -47,8 +46,7 @@ class PointTable:
     frames: tuple[Frame, ...]
     world_from_ego: Array | None
     is_compensated: bool
-    _rows: ParquetRows
-    _columns: Mapping[str, str]
+    _columns: Mapping[str, ListColumn]
 
     def read(self, row: int) -> tuple[Points, int]:
         """Return the sweep of a row as stored, and how many points without a place it was written with.
@@ -56,10 +54,11 @@ class PointTable:
         Raises:
             BadInput: A cell is not what it has to be.
         """
-        table = self._rows.read(row)
-        xyz = [self._cell(table, name, "float32", row) for name in _AXES]
+        xyz = [self._cell(name, "float32", row) for name in _AXES]
         total = len(xyz[0])
-        parts = {name: self._cell(table, name, dtype, row) for name, dtype in self._columns.items()}
+        parts = {
+            name: self._cell(name, dtype, row) for name, dtype in _OPTIONAL.items() if name in self._columns
+        }
         lengths = {
             name: len(cell) for name, cell in zip((*_AXES, *parts), (*xyz, *parts.values()), strict=True)
         }
@@ -91,8 +90,20 @@ class PointTable:
         )
         return (points, 0) if is_place.all() else (points[is_place], int((~is_place).sum()))
 
-    def _cell(self, table: pa.Table, name: str, dtype: str, row: int) -> Array:
-        return list_cell(table[name], 0, dtype, f"{self.path}, column {name}", shown_row=row)
+    def _cell(self, name: str, dtype: str, row: int) -> Array:
+        found = self._columns[name].row(row)
+        if found is None:  # an empty list: a sweep without points
+            return np.zeros(0, dtype)
+        if found.dtype.kind == "f" and np.dtype(dtype).kind in "iu" and not (found == np.floor(found)).all():
+            raise BadInput(f"{self.path}, column {name}, row {row} holds fractions, expected {dtype}")
+        limits = np.iinfo(dtype) if np.dtype(dtype).kind in "iu" else None
+        if limits and len(found) and not (found.min() >= limits.min and found.max() <= limits.max):
+            raise BadInput(
+                f"{self.path}, column {name}, row {row} holds {found.min()} to {found.max()}, expected {dtype}: "
+                f"{limits.min} to {limits.max}"
+            )
+        with np.errstate(over="ignore"):  # beyond single precision is infinitely far: no place
+            return found.astype(dtype)
 
     def _intensity(self, intensity: Array, row: int) -> Array:
         intensity = np.nan_to_num(intensity, nan=0.0, posinf=np.inf, neginf=-np.inf)
@@ -114,7 +125,7 @@ def open_points(path: Path) -> PointTable:
     file = open_parquet(path)
     names = file.schema_arrow.names
     check_columns(names, ("frame", "time_ns", *_AXES), path)
-    optional = {name: dtype for name, dtype in _OPTIONAL.items() if name in names}
+    optional = [name for name in _OPTIONAL if name in names]
     for name in (*_AXES, *optional):
         if not is_list(file.schema_arrow.field(name).type):
             kind = file.schema_arrow.field(name).type
@@ -129,8 +140,8 @@ def open_points(path: Path) -> PointTable:
     if not index:
         raise BadInput(f"{path} has no row, expected one a sweep")
     frames = check_frames([Frame(*pair) for pair in zip(index, time_ns, strict=True)], path)
-    rows = ParquetRows(path, [*_AXES, *optional])
-    return PointTable(path, frames, _poses(table, path), compensated == "true", rows, optional)
+    columns = {name: ListColumn(path, name) for name in (*_AXES, *optional)}
+    return PointTable(path, frames, _poses(table, path), compensated == "true", columns)
 
 
 def _poses(table: pa.Table, path: Path) -> Array | None:

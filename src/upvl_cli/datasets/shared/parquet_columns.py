@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections import OrderedDict
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,8 @@ import pyarrow.parquet as pq
 from upvl_cli.datasets.shared.parquet_pages import ColumnChunk
 from upvl_cli.errors import BadInput, one_line
 from upvl_cli.types import Array, Ints
+
+_RECENT_GROUPS = 3  # two threads read neighbors
 
 
 class _PagedColumn:
@@ -39,6 +42,8 @@ class _PagedColumn:
         groups = [metadata.row_group(group) for group in range(metadata.num_row_groups)]
         self.first_rows = np.concatenate([[0], np.cumsum([group.num_rows for group in groups])]).astype(int)
         column = schema.column(leaves[0])
+        self._recent: OrderedDict[int, None] = OrderedDict()
+        self._recent_lock = threading.Lock()
         self.chunks = [ColumnChunk(path, group.column(leaves[0]), column, self._where) for group in groups]
 
     def __len__(self) -> int:
@@ -49,7 +54,16 @@ class _PagedColumn:
         if not 0 <= row < len(self):
             raise BadInput(f"{self._where} has {len(self)} rows, expected a row {row}; copy the file again")
         group = int(np.searchsorted(self.first_rows, row, "right")) - 1
+        self._note_use(group)
         return group, row - int(self.first_rows[group])
+
+    def _note_use(self, group: int) -> None:
+        """Let go of what is kept of row groups that were not read lately: a drive can have one for each row."""
+        with self._recent_lock:
+            self._recent[group] = None
+            self._recent.move_to_end(group)
+            if len(self._recent) > _RECENT_GROUPS:
+                self.chunks[self._recent.popitem(last=False)[0]].forget()
 
 
 class ListColumn(_PagedColumn):

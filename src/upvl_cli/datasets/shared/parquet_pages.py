@@ -164,6 +164,12 @@ class ColumnChunk:
                 entry = first + end
         return parts
 
+    def forget(self) -> None:
+        """Let go of decoded pages; they are read again when they are wanted."""
+        with self._lock:
+            self._decoded.clear()
+            self._dictionary = None
+
     def row_starts(self) -> Ints:
         """Return the entries at which the rows begin; reads the whole column."""
         starts = []
