@@ -13,18 +13,25 @@ ROOT = Path(__file__).parents[1]
 
 
 def on_kitti(folder: Path, root: Path, segments: list[str]) -> Path:
-    """Make a workspace in `folder` for KITTI raw drives under `root`; an empty list takes all of them.
+    """Make a workspace in `folder` for KITTI drives under `root`; see `on_drives`."""
+    return on_drives(folder, "kitti", root, segments)
+
+
+def on_drives(folder: Path, dataset: str, root: Path, segments: list[str]) -> Path:
+    """Make a workspace in `folder` for drives of any dataset under `root`; an empty list takes all of them.
 
     Args:
         folder: Where to make it; an older one there gets the settings of today.
-        root: Folder that holds the date folders.
+        dataset: Name of the dataset, as in `stages/raw.toml`.
+        root: Folder of the drives.
         segments: Names of the drives.
     """
     folder.mkdir(parents=True, exist_ok=True)
     shutil.rmtree(folder / "stages", ignore_errors=True)
     shutil.copytree(ROOT / "stages", folder / "stages")
     (folder / "stages" / "raw.toml").write_text(
-        f'dataset = "kitti"\nroot = {json.dumps(str(root.resolve()))}\nsegments = {json.dumps(segments)}\n'
+        f"dataset = {json.dumps(dataset)}\nroot = {json.dumps(str(root.resolve()))}\n"
+        f"segments = {json.dumps(segments)}\n"
     )
     return folder
 

@@ -47,7 +47,9 @@ def main() -> None:
 
 def _refuse_windows() -> int:
     """Say what to do on native Windows, which has neither the file locks nor the signals that upvl needs."""
-    _say("upvl: native Windows is not supported; run it under WSL: https://learn.microsoft.com/windows/wsl/install\n")
+    _say(
+        "upvl: native Windows is not supported; run it under WSL: https://learn.microsoft.com/windows/wsl/install\n"
+    )
     return 2
 
 

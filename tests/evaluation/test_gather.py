@@ -11,11 +11,13 @@ from scored_world import material, write_auto_labels
 from command import make_workspace
 from tiny_kitti import write_drive
 from upvl_cli.commands.pipeline import PIPELINE
+from upvl_cli.datasets.label_registry import LABELS
+from upvl_cli.datasets.labels import LabelSource
 from upvl_cli.evaluation.gather import _in_view, gather
 from upvl_cli.evaluation.region import Region
 from upvl_cli.pipeline.tables import write
 from upvl_cli.pipeline.workspace import Workspace
-from upvl_cli.types import Camera
+from upvl_cli.types import Bools, Boxes, Camera
 
 BOX = np.array([12.0, 0.0, -1.0, 4.0, 2.0, 1.5, 0.0])
 SHIFT_M = (0.0, 3.0, 6.0, -42.0)  # of the four boxes along x: the last one is behind the camera
@@ -93,3 +95,24 @@ def test_every_road_user_is_an_object_and_a_sign_is_none() -> None:
     case = material([(0, 10.0 * place, 0, 5.0) for place in range(5)], [(0, 0, 0, 0.9)])
     case = replace(case, labels=replace(case.labels, type=np.arange(5)))
     assert case.without_classes().labels.type.tolist() == [1, 1, 1, 3, 1]
+
+
+class ZonesBeyond14m:
+    """KITTI's labels, with everything farther than 14 m ahead left without labels."""
+
+    def __init__(self, source: LabelSource) -> None:
+        self.labels, self.frames, self.covers = source.labels, source.frames, source.covers
+
+    def unlabelled(self, segment: str, frame: int, boxes: Boxes) -> Bools:
+        return np.asarray((boxes.center_m[:, 0] > 14) & (frame == 1))
+
+
+def test_boxes_in_zones_without_labels_are_no_false_positives(
+    workspace: Workspace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert not gather(workspace, "nms", region=None).predictions.unlabelled.any()
+    kitti = LABELS["kitti"]
+    monkeypatch.setitem(LABELS, "kitti", lambda root, dataset: ZonesBeyond14m(kitti(root, dataset)))
+    found = gather(workspace, "nms", region=None).predictions
+    np.testing.assert_array_equal(found.unlabelled, found.center_m[:, 0] > 14)
+    assert found.unlabelled.any() and not found.unlabelled.all()

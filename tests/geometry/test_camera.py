@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from upvl_cli.errors import BadInput
 from upvl_cli.geometry.camera import project, rays
 from upvl_cli.types import Camera
 
@@ -113,3 +114,46 @@ def test_a_point_beside_or_just_behind_the_lens_has_no_pixel(depth_m: float) -> 
     np.testing.assert_allclose(uv_px[1], [55, 55])
     assert depth.tolist() == [depth_m, 1.0]
     assert inside.tolist() == [False, True]
+
+
+FISHEYES = [
+    ("equidistant", [0.0] * 4),
+    ("real", [-0.03, 0.005, -0.002, 0.0003]),
+    ("strong", [0.05, 0.02, 0.0, 0.0]),
+]
+
+
+def test_fisheye_by_hand() -> None:
+    """A point 45 degrees off the axis lies a quarter of pi, times the polynomial, from the center."""
+    angle = math.pi / 4
+    bent = angle * (1 + 0.1 * angle**2 + 0.02 * angle**4 + 0.003 * angle**6 + 0.0004 * angle**8)
+    lens = camera(
+        [0.1, 0.02, 0.003, 0.0004], distortion_model="fisheye", ego_from_camera=np.eye(4), width_px=2000
+    )
+    uv_px, _, visible = project(lens, [[3, 0, 3], [0, 0, 5], [0.6, 0.8, 1]])
+    np.testing.assert_allclose(
+        uv_px, [[320 + 500 * bent, 240], [320, 240], [320 + 300 * bent, 240 + 408 * bent]]
+    )
+    assert visible[:2].all()
+
+
+@pytest.mark.parametrize("distortion", [lens[1] for lens in FISHEYES], ids=[lens[0] for lens in FISHEYES])
+def test_a_ray_of_a_fisheye_comes_back_to_its_pixel(distortion: list[float]) -> None:
+    lens = camera(distortion, distortion_model="fisheye", intrinsic=[[230, 0, 320], [0, 230, 240], [0, 0, 1]])
+    uv_px = np.stack(np.meshgrid(np.linspace(30, 610, 33), np.linspace(0, 479, 25)), axis=-1).reshape(-1, 2)
+    uv_px = uv_px[np.linalg.norm(uv_px - [320, 240], axis=1) < 230 * 1.35]  # some 80 degrees off the axis
+    again, depth_m, visible = project(lens, FORWARD[:3, 3] + rays(lens, uv_px) * 20)
+    np.testing.assert_allclose(again, uv_px, atol=1e-6)
+    assert visible.all() and (depth_m > 0).all()
+
+
+def test_a_fisheye_that_turns_back_shows_nothing_beyond() -> None:
+    # The slope 1 - 3 * 0.2 a^2 is 0 at an angle of 1.291, whose tangent is 3.484.
+    lens = camera([-0.2, 0, 0, 0], distortion_model="fisheye", ego_from_camera=np.eye(4), width_px=3000)
+    assert project(lens, [[3.4, 0, 1], [3.6, 0, 1]])[2].tolist() == [True, False]
+
+
+@pytest.mark.parametrize(("model", "count"), [("fisheye", 5), ("brown", 4)])
+def test_a_lens_has_the_coefficients_of_its_model(model: str, count: int) -> None:
+    with pytest.raises(BadInput, match="distortion must be finite and of shape"):
+        camera([0.0] * count, distortion_model=model)

@@ -11,6 +11,9 @@ from typer.exceptions import TyperException
 from upvl_cli.cli import labels
 
 # isort: split
+from upvl_cli.cli import import_
+
+# isort: split
 from upvl_cli.cli import stages
 
 # isort: split
@@ -24,7 +27,7 @@ from upvl_cli.cli import evaluate, train
 from upvl_cli.cli.application import app
 from upvl_cli.errors import UpvlError, one_line
 
-COMMANDS = (labels, stages, query, draw, evaluate, train)
+COMMANDS = (labels, import_, stages, query, draw, evaluate, train)
 
 
 def run(arguments: Sequence[str]) -> int:

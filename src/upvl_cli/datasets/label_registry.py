@@ -23,10 +23,22 @@ class FlowSource(Protocol):
         """Return the motion of each point of a sweep, in the order of its points."""
 
 
+def _argoverse2(root: Path, dataset: Any) -> LabelSource:
+    from upvl_cli.datasets.argoverse2.labels import ArgoverseLabels
+
+    return ArgoverseLabels(dataset)
+
+
 def _kitti(root: Path, dataset: Any) -> LabelSource:
     from upvl_cli.datasets.kitti.labels import KittiLabels
 
     return KittiLabels(root)
+
+
+def _nuscenes(root: Path, dataset: Any) -> LabelSource:
+    from upvl_cli.datasets.nuscenes.labels import NuScenesLabels
+
+    return NuScenesLabels(dataset)
 
 
 def _parquet(root: Path, dataset: Any) -> LabelSource:
@@ -41,6 +53,12 @@ def _city(root: Path, dataset: Any) -> LabelSource:
     return CityLabels(dataset)
 
 
+def _waymo(root: Path, dataset: Any) -> LabelSource:
+    from upvl_cli.datasets.waymo.labels import WaymoLabels
+
+    return WaymoLabels(root)
+
+
 def _city_flow(root: Path, dataset: Any) -> FlowSource:
     from upvl_cli.synthetic.labels import CityFlow
 
@@ -49,9 +67,12 @@ def _city_flow(root: Path, dataset: Any) -> FlowSource:
 
 # Each takes the folder that raw.toml names and the opened dataset.
 LABELS: dict[str, Callable[[Path, Any], LabelSource]] = {
+    "argoverse2": _argoverse2,
     "kitti": _kitti,
+    "nuscenes": _nuscenes,
     "parquet": _parquet,
     "synthetic": _city,
+    "waymo": _waymo,
 }
 TRUE_FLOW: dict[str, Callable[[Path, Any], FlowSource]] = {"synthetic": _city_flow}
 

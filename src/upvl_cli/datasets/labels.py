@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
-from upvl_cli.types import Array, Bools, Ints, Labels
+from upvl_cli.types import Array, Bools, Boxes, Ints, Labels
 
 
 class LabelSource(Protocol):
@@ -21,3 +21,11 @@ class LabelSource(Protocol):
 
     def covers(self, segment: str, xyz_ego_m: Array) -> Bools:
         """(n,) whether each place lies where objects were labelled, for example in the front view."""
+
+
+@runtime_checkable
+class UnlabelledZones(Protocol):
+    """A source of labels that knows zones which people left without labels."""
+
+    def unlabelled(self, segment: str, frame: int, boxes: Boxes) -> Bools:
+        """(n,) whether each box, in the ego axes of the frame, overlaps such a zone: it is no false positive."""

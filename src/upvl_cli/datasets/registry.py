@@ -34,10 +34,22 @@ class DatasetFamily:
     config: type[Config] | None = None
 
 
+def _argoverse2(root: Path, config: None) -> Dataset:
+    from upvl_cli.datasets.argoverse2.dataset import Argoverse2
+
+    return Argoverse2(root)
+
+
 def _kitti(root: Path, config: None) -> Dataset:
     from upvl_cli.datasets.kitti.dataset import Kitti
 
     return Kitti(root)
+
+
+def _nuscenes(root: Path, config: None) -> Dataset:
+    from upvl_cli.datasets.nuscenes.dataset import NuScenes
+
+    return NuScenes(root)
 
 
 def _parquet(root: Path, config: None) -> Dataset:
@@ -58,10 +70,19 @@ def _synthetic(root: Path, config: CityConfig) -> Dataset:
     return City(config)
 
 
+def _waymo(root: Path, config: None) -> Dataset:
+    from upvl_cli.datasets.waymo.dataset import Waymo
+
+    return Waymo(root)
+
+
 DATASETS: dict[str, DatasetFamily] = {
+    "argoverse2": DatasetFamily(_argoverse2),
     "kitti": DatasetFamily(_kitti),
+    "nuscenes": DatasetFamily(_nuscenes),
     "parquet": DatasetFamily(_parquet),
     "synthetic": DatasetFamily(_synthetic, CityConfig),
+    "waymo": DatasetFamily(_waymo),
 }
 
 

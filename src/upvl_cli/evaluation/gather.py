@@ -11,7 +11,8 @@ from typing import TypeVar
 import numpy as np
 
 from upvl_cli.datasets.label_registry import label_source
-from upvl_cli.datasets.labels import LabelSource
+from upvl_cli.datasets.labels import LabelSource, UnlabelledZones
+from upvl_cli.datasets.shared.tracks import velocities_of_tracks
 from upvl_cli.errors import BadInput, NotMade
 from upvl_cli.evaluation.detection_types import detection_types
 from upvl_cli.evaluation.region import Region
@@ -21,13 +22,14 @@ from upvl_cli.pipeline.runner import state
 from upvl_cli.pipeline.stage import Row
 from upvl_cli.pipeline.tables import Table
 from upvl_cli.pipeline.workspace import Workspace
-from upvl_cli.stages.rows import ClassifyRow, ObjectRow, ScoredBoxRow
+from upvl_cli.stages.rows import ClassifyRow, ObjectRow, OdometryRow, ScoredBoxRow
 from upvl_cli.types import Array, Bools, Camera, Ints, Labels, TrackedBoxes, concat
 
 # New type by type: every labelled road user is an object, also one of an unknown type; a sign is none.
 CLASS_AGNOSTIC = {0: 1, 2: 1, 4: 1}
 
 CLASSIFY = "classify"  # the stage that gives auto labels their types
+ODOMETRY = "odometry"  # the stage that estimates poses where a drive has none
 DETECT = "detect"  # the stage whose boxes get their types by their own features
 
 R = TypeVar("R", bound=Row)
@@ -185,8 +187,8 @@ def _gather_drive(
     rows = fresh_table(workspace, stage, ScoredBoxRow, segment)
     chosen = [rows[frame] for frame in rows.frames if frame in frames]
     types = _box_types(workspace, stage, segment, rows, chosen, named)
-    predictions = _predictions(segment, chosen, types)
-    labels = source.labels(segment)
+    predictions = _predictions(source, segment, chosen, types)
+    labels = _with_velocities(workspace, segment, source.labels(segment))
     truth = _truth(segment, labels)
     dropped: Counter[str] = Counter()
     kept = []
@@ -199,6 +201,17 @@ def _gather_drive(
     truth, predictions = truth[kept[0]], predictions[kept[1]]
     view = _in_view(workspace.drive(segment).cameras, truth.center_m)
     return _Drive(truth, labels.num_points[kept[0]], view, predictions, len(frames), dropped)
+
+
+def _with_velocities(workspace: Workspace, segment: str, labels: Labels) -> Labels:
+    """Return the labels with the velocities that the data set lacks, by the poses that were estimated."""
+    unknown = np.isnan(labels.velocity_mps).any(axis=1, keepdims=True)
+    drive = workspace.drive(segment)
+    if not unknown.any() or drive.world_from_ego is not None:
+        return labels
+    poses = np.array([row.world_from_ego for row in fresh_table(workspace, ODOMETRY, OdometryRow, segment)])
+    estimated = velocities_of_tracks(labels, drive.frames, poses)
+    return replace(labels, velocity_mps=np.where(unknown, estimated, labels.velocity_mps))
 
 
 def _truth(segment: str, labels: Labels) -> Truth:
@@ -239,7 +252,9 @@ def _track_types(row: ScoredBoxRow, classes: ClassifyRow) -> Ints:
     return np.asarray(classes.type[order][np.searchsorted(classes.track_id[order], row.track_id)])
 
 
-def _predictions(segment: str, rows: Sequence[ScoredBoxRow], types: Sequence[Ints]) -> Predictions:
+def _predictions(
+    source: LabelSource, segment: str, rows: Sequence[ScoredBoxRow], types: Sequence[Ints]
+) -> Predictions:
     """Return the boxes of the labelled frames; of other frames nothing is known."""
     count = [len(row.track_id) for row in rows]
     boxes = concat([row.tracked_boxes for row in rows], TrackedBoxes)
@@ -253,8 +268,16 @@ def _predictions(segment: str, rows: Sequence[ScoredBoxRow], types: Sequence[Int
         score=boxes.score,
         velocity_mps=boxes.velocity_mps[:, :2],
         object_id=boxes.track_id,
-        unlabelled=np.zeros(sum(count)),
+        unlabelled=_unlabelled(source, segment, rows),
     )
+
+
+def _unlabelled(source: LabelSource, segment: str, rows: Sequence[ScoredBoxRow]) -> Bools:
+    """Return whether each box of the rows overlaps a zone without labels, where the data set tells these."""
+    if not isinstance(source, UnlabelledZones):
+        return np.zeros(sum(len(row.track_id) for row in rows), dtype=np.bool_)
+    parts = [source.unlabelled(segment, row.frame, row.tracked_boxes) for row in rows]
+    return np.concatenate([*parts, np.zeros(0, np.bool_)])
 
 
 def _in_view(cameras: Sequence[Camera], xyz_ego_m: Array) -> Bools:

@@ -7,6 +7,7 @@ import json
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 from upvl_cli.errors import BadInput
@@ -57,7 +58,13 @@ def _cached_digest(cache_path: Path, state: str) -> str:
 def _digest(files: Sequence[Path]) -> str:
     digest = hashlib.sha256()
     for path in files:
-        with path.open("rb") as file:
-            digest.update(hashlib.file_digest(file, "sha256").digest())
+        digest.update(_content_digest(*_state(path)))
         digest.update(path.name.encode("utf-8", "surrogateescape"))
     return digest.hexdigest()
+
+
+@lru_cache(maxsize=1024)
+def _content_digest(path: str, size: int, modified_ns: int, changed_ns: int) -> bytes:
+    """Return the digest of a file in that state; drives that share a file, such as a table of scenes, read it once."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").digest()

@@ -14,7 +14,7 @@ from upvl_cli.stages.rows import ExtractVlRow, FlowRow, GroundRow, OdometryRow, 
 if TYPE_CHECKING:
     from upvl_cli.perception.visual.pixel_features import SweepVisibility
     from upvl_cli.pipeline.stage import Inputs
-    from upvl_cli.types import Array
+    from upvl_cli.types import Array, Floats
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,7 @@ class ExtractVlConfig(Config):
 def run(inputs: Inputs, config: ExtractVlConfig) -> Iterator[ExtractVlRow]:
     """Give each point that a camera sees the vision-language feature of its pixel."""
     from upvl_cli.perception.visual.pixel_features import CameraRig
+    from upvl_cli.perception.visual.pixel_source import PixelSource
     from upvl_cli.runtime.parallel import in_order
 
     drive, poses = inputs.drive, list(inputs.table("odometry", OdometryRow))
@@ -43,6 +44,9 @@ def run(inputs: Inputs, config: ExtractVlConfig) -> Iterator[ExtractVlRow]:
         config.visibility,
     )
 
+    def pixels_of(frame: int, camera: str) -> Floats | None:
+        return drive.pixels(frame, camera) if isinstance(drive, PixelSource) else None
+
     def extract(step: int) -> tuple[SweepVisibility, Array]:
         """Return what the cameras see of a frame, and the features of the seen points."""
         frame = poses[step].frame
@@ -51,7 +55,8 @@ def run(inputs: Inputs, config: ExtractVlConfig) -> Iterator[ExtractVlRow]:
         xyz_m = drive.points(frame).xyz_ego_m if rig.cameras else flow_mps
         velocity_mps = flow_mps if config.follow_motion else None
         images = [drive.image(frame, camera.name) for camera in rig.cameras]
-        seen = rig.visibility(step, xyz_m, ~grounds[frame].is_ground, velocity_mps, images)
+        given_px = [pixels_of(frame, camera.name) for camera in rig.cameras]
+        seen = rig.visibility(step, xyz_m, ~grounds[frame].is_ground, velocity_mps, images, given_px)
         return seen, seen.features(inputs.model.embed_image, pca.basis)
 
     for step, (seen, codes) in enumerate(in_order(extract, range(len(poses)))):

@@ -109,7 +109,7 @@ def test_the_car_lies_on_the_pixels_of_the_car(truth: TinySequence, layout: str)
 
 def test_the_road_is_below(truth: TinySequence, layout: str) -> None:
     drive = open_only(truth)
-    assert drive.ground_z_m == pytest.approx(-1.73, abs=1e-6)
+    assert drive.ground_z_m == pytest.approx(-1.73, abs=0.01)
     assert drive.vehicle.has_outline == (layout != "delft")
 
 

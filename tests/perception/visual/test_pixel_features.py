@@ -94,3 +94,12 @@ def test_an_occluded_point_is_counted_as_such() -> None:
     seen = rig(FRONT).visibility(0, xyz, np.zeros(5, bool), None, [image(0)])
     assert seen.counts["occluded"] == (seen.state == OCCLUDED).sum() == 1
     assert seen.counts["no view"] == 1 and seen.counts["seen by front"] == 3
+
+
+def test_pixels_that_the_data_set_gives_replace_those_of_the_calibration() -> None:
+    """Also where it says that a camera does not see a point that its calibration lets it see."""
+    given = np.array([[5.0, 6.0], [np.nan, np.nan], [7.0, 8.0], [np.nan, np.nan]])
+    seen = rig(FRONT, BACK).visibility(0, XYZ, np.zeros(4, bool), None, [image(0), image(0)], [given, None])
+    assert seen.camera.tolist() == [0, NO_CAMERA, 1, NO_CAMERA]  # the third lies behind the camera in front
+    found = BASIS.dequantize(seen.features(place_colors, BASIS))[0, :3]
+    np.testing.assert_allclose(found, np.array([5, 6, 100]) / np.linalg.norm([5, 6, 100]), atol=0.012)

@@ -42,7 +42,7 @@ class ParquetRows:
         self._lock = threading.Lock()
         self._kept: OrderedDict[int, pa.Table] = OrderedDict()
         self._stream: Iterator[pa.RecordBatch] = iter(())
-        self._next = -1  # the row that the stream gives next
+        self._group, self._next = -1, 0  # the row group of the stream, and the row that it gives next
 
     def __len__(self) -> int:
         return int(self._first[-1])
@@ -63,14 +63,13 @@ class ParquetRows:
 
     def _advance(self, group: int, row: int) -> None:
         """Read the stream up to a row."""
-        first = int(self._first[group])
-        if not first <= self._next <= row:
+        if group != self._group or self._next > row:
             # Small buffers instead of the whole row group, which can be the whole drive.
             self._file = open_parquet(self._path, buffer_bytes=_BUFFER_BYTES)
             self._stream = self._file.iter_batches(
                 batch_size=1, row_groups=[group], columns=self._columns, use_threads=False
             )
-            self._next = first
+            self._group, self._next = group, int(self._first[group])
             self._kept.clear()
         while self._next <= row:
             batch = next(self._stream, None)

@@ -25,8 +25,8 @@ def check_rotation(rotation: Array, where: str) -> Array:
         BadInput: One is no rotation within 0.001.
     """
     rotation = np.asarray(rotation, dtype=np.float64)
-    # NaN stays NaN in a clip, and fails the comparison.
-    within = np.clip(rotation, -_MAX_ENTRY, _MAX_ENTRY)
+    # Not a number is as far from a rotation as what is cut off.
+    within = np.clip(np.nan_to_num(rotation, nan=_MAX_ENTRY), -_MAX_ENTRY, _MAX_ENTRY)
     skew = np.abs(within @ np.swapaxes(within, -1, -2) - np.eye(3)).max(axis=(-2, -1), initial=0.0)
     wrong = ~((skew < ROTATION_TOLERANCE) & (np.linalg.det(within) > 0))
     if wrong.any():

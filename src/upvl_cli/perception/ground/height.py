@@ -67,6 +67,24 @@ def height_above_ground(xyz_ego_m: Floats, prior_z_m: float, config: GroundMapCo
     return np.clip(height_m, -MAX_HEIGHT_M, MAX_HEIGHT_M).astype(np.float32)
 
 
+def height_above_known_ground(
+    xyz_ego_m: Floats, ground_z_m: Floats, prior_z_m: float, config: GroundMapConfig
+) -> Floats:
+    """Return the (n,) float32 height of each point above ground that is known, estimated where it is not.
+
+    Args:
+        xyz_ego_m: (n, 3) points.
+        ground_z_m: (n,) height of the ground at each point; NaN where unknown.
+        prior_z_m: Rough height of the road below the car, for the estimate.
+        config: The map and its rules, for the estimate.
+    """
+    is_known = np.isfinite(ground_z_m)
+    height_m = np.clip(xyz_ego_m[:, 2] - ground_z_m, -MAX_HEIGHT_M, MAX_HEIGHT_M).astype(np.float32)
+    if not is_known.all():
+        height_m[~is_known] = height_above_ground(xyz_ego_m, prior_z_m, config)[~is_known]
+    return height_m
+
+
 def _project(xyz_m: Floats, config: GroundMapConfig) -> _Sweep:
     size = round(2 * config.half_extent_m / config.cell_m)
     position = (xyz_m[:, :2].astype(np.float64) + config.half_extent_m) / config.cell_m

@@ -15,7 +15,6 @@ from upvl_cli.perception.visual.views import (
     NO_VIEW,
     OCCLUDED,
     SEEN,
-    Visibility,
     best_camera,
     move_to_time,
     sample_bilinear,
@@ -87,6 +86,7 @@ class CameraRig:
         is_above_ground: Bools,
         velocity_mps: Array | None,
         images: Sequence[Image | None],
+        given_px: Sequence[Floats | None] = (),
     ) -> SweepVisibility:
         """Return which points of one sweep the cameras see.
 
@@ -96,10 +96,20 @@ class CameraRig:
             is_above_ground: (n,) whether each is above the ground.
             velocity_mps: (n, 3) their motion over the ground; None takes them as static.
             images: One picture a camera, None where it is missing.
+            given_px: (n, 2) pixels of the points in each picture where the data set gives them; None, or none
+                at all, takes the camera's calibration.
         """
         views = [
-            self._view(step, camera, xyz_ego_m, is_above_ground, velocity_mps, image)
-            for camera, image in zip(self.cameras, images, strict=True)
+            visibility(
+                camera,
+                self._move_to_image_time(step, xyz_ego_m, velocity_mps, image),
+                is_above_ground,
+                self._config,
+                pixels,
+            )
+            for camera, image, pixels in zip(
+                self.cameras, images, given_px or [None] * len(images), strict=True
+            )
         ]
         best = best_camera(views, len(xyz_ego_m))
         counts: Counter[str] = Counter()
@@ -111,20 +121,13 @@ class CameraRig:
         pixels = [(image, view.uv_px) for image, view in zip(images, views, strict=True)]
         return SweepVisibility(best.state, best.camera, pixels, counts)
 
-    def _view(
-        self,
-        step: int,
-        camera: Camera,
-        xyz_ego_m: Array,
-        is_above_ground: Bools,
-        velocity_mps: Array | None,
-        image: Image | None,
-    ) -> Visibility:
+    def _move_to_image_time(
+        self, step: int, xyz_ego_m: Array, velocity_mps: Array | None, image: Image | None
+    ) -> Floats:
+        """Return (n, 3) points when a picture is taken; NaN without a picture, which shows none of them."""
         if image is None:
-            xyz_ego_m = np.full((len(xyz_ego_m), 3), np.nan)
-        else:
-            xyz_ego_m = move_to_image_time(self._times_ns, self._poses, step, xyz_ego_m, velocity_mps, image)
-        return visibility(camera, xyz_ego_m, is_above_ground, self._config)
+            return np.full((len(xyz_ego_m), 3), np.nan)
+        return move_to_image_time(self._times_ns, self._poses, step, xyz_ego_m, velocity_mps, image)
 
 
 def move_to_image_time(

@@ -32,7 +32,11 @@ class Visibility(NamedTuple):
 
 
 def visibility(
-    camera: Camera, xyz_ego_m: Array, is_above_ground: Bools, config: VisibilityConfig
+    camera: Camera,
+    xyz_ego_m: Array,
+    is_above_ground: Bools,
+    config: VisibilityConfig,
+    given_px: Floats | None = None,
 ) -> Visibility:
     """Return which points of a sweep one camera sees.
 
@@ -48,8 +52,12 @@ def visibility(
         xyz_ego_m: (n, 3) points in ego axes at the time of the picture.
         is_above_ground: (n,) whether each point is above the ground.
         config: Limits of the test.
+        given_px: (n, 2) pixels of the points as the data set gives them, NaN where the camera does not see one; None
+            takes them from the calibration.
     """
     uv, depth_m, inside = project(camera, xyz_ego_m)
+    if given_px is not None:
+        uv, inside = given_px, ~np.isnan(given_px).any(axis=1) & (depth_m > 0)
     across, down = (
         np.minimum(pixel + 0.5, size - 0.5 - pixel)
         for pixel, size in zip(uv.T, (camera.width_px, camera.height_px), strict=True)

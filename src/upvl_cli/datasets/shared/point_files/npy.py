@@ -61,7 +61,7 @@ def read_npz(content: bytes, where: str) -> ScanPoints:
     name = next((name for name in _PLACES if name in by_name), None)
     if name is None and len(by_name) == 1:
         name = next(iter(by_name))
-    columns = _columns(by_name.pop(name), f"{where}, array {name}") if name else {}
+    columns = _columns(by_name.pop(name), f"{where}, array {name[:40]!r}") if name else {}
     length = len(next(iter(columns.values()))) if columns else None
     for other, values in by_name.items():
         values = values.reshape(-1) if values.ndim == 2 and 1 in values.shape else values
@@ -82,7 +82,7 @@ def _members(content: bytes, where: str) -> dict[str, Array]:
             parts = {info.filename[:-4]: _unpacked(archive, info) for info in infos}
     except _ZIP_ERRORS as error:
         raise BadInput(f"{where} is a damaged npz ({str(error)[:80]}); copy it again, or remove it") from None
-    return {name: _array(part, f"{where}, array {name[:40]}") for name, part in parts.items()}
+    return {name: _array(part, f"{where}, array {name[:40]!r}") for name, part in parts.items()}
 
 
 def _unpacked(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> bytes:

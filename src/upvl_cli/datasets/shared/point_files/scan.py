@@ -64,7 +64,7 @@ def column_names(columns: int, last: Sequence[Array]) -> tuple[str, ...]:
     """
     names = ["x", "y", "z", "intensity"][:columns]
     for values in last:
-        is_ring = bool(len(values)) and bool(_is_whole(values, _MOST_RING).all())
+        is_ring = bool(len(values)) and bool(_is_count(values, _MOST_RING).all())
         name = "ring" if is_ring else "time"
         names.append(name if name not in names else f"column {len(names) + 1}")
     return tuple(names)
@@ -81,12 +81,13 @@ def scan_points(columns: Mapping[str, Array], layout: str, where: str) -> ScanPo
     Raises:
         BadInput: There is no x, y or z, or a place is farther away than a LiDAR sees.
     """
+    layout = " ".join(layout.split())  # names in damaged files may hold anything
     by_name: dict[str, Array] = {}
     for name, values in columns.items():
         by_name.setdefault(name.strip().lower().removeprefix("scalar_"), values)
     places = [find(by_name, names) for names in _XYZ]
     if any(place is None for place in places):
-        found = ", ".join(str(name)[:40] for name in list(columns)[:20]) or "none"
+        found = ", ".join(" ".join(str(name)[:40].split()) for name in list(columns)[:20]) or "none"
         raise BadInput(f"{where} ({layout}) has the columns {found}; expected x, y and z among them")
     with np.errstate(over="ignore", invalid="ignore"):
         xyz_m = np.stack([np.asarray(place).astype(np.float32) for place in places], axis=1)
@@ -105,8 +106,8 @@ def scan_points(columns: Mapping[str, Array], layout: str, where: str) -> ScanPo
     return ScanPoints(
         xyz_m=xyz_m,
         intensity=_finite(find(by_name, _INTENSITY)),
-        ring=_whole(find(by_name, _RING), 65535),
-        sensor=_whole(find(by_name, _SENSOR), 255),
+        ring=_unsigned(find(by_name, _RING), 65535),
+        sensor=_unsigned(find(by_name, _SENSOR), 255),
         time=_finite(find(by_name, _TIME)),
         layout=layout,
         skipped={reason: count for reason, count in skipped.items() if count},
@@ -125,14 +126,14 @@ def _finite(values: Array | None) -> Array | None:
     return values if is_finite.all() else np.where(is_finite, values, 0)
 
 
-def _whole(values: Array | None, most: int) -> Array | None:
+def _unsigned(values: Array | None, most: int) -> Array | None:
     """Return whole numbers from 0 to `most`; None where the column holds anything else."""
     if values is None:
         return None
     values = np.asarray(values)
-    return values.astype(np.uint16) if _is_whole(values, most).all() else None
+    return values.astype(np.uint16) if _is_count(values, most).all() else None
 
 
-def _is_whole(values: Array, most: int) -> Bools:
+def _is_count(values: Array, most: int) -> Bools:
     with np.errstate(invalid="ignore"):
         return np.asarray((values >= 0) & (values <= most) & (values == np.floor(values)))

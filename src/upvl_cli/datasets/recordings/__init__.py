@@ -1,0 +1,1 @@
+"""Recordings of users' own sensors: what `upvl import` reads. Each source is one module."""
