@@ -88,9 +88,7 @@ def time_us(step: int) -> int:
 def ego_points() -> np.ndarray:
     """(n, 3) a ground around the car and a wall: the same in each sweep."""
     rng = np.random.default_rng(0)
-    ground = np.column_stack(
-        [rng.uniform(-20, 25, 900), rng.uniform(-12, 12, 900), np.full(900, GROUND_Z_M)]
-    )
+    ground = np.column_stack([rng.uniform(-20, 25, 900), rng.uniform(-12, 12, 900), np.full(900, GROUND_Z_M)])
     ground = ground[np.abs(ground[:, 1]) > 1.5]
     wall = np.column_stack([rng.uniform(-20, 30, 300), np.full(300, 9.0), rng.uniform(0, 4, 300)])
     return np.vstack([ground, wall]).astype(np.float32)
@@ -123,7 +121,9 @@ def box(pose_se3: PoseSE3, track: str = "car-1", label: Any = None, **options: A
     label = AV2SensorBoxDetectionLabel.REGULAR_VEHICLE if label is None else label
     shape = BoundingBoxSE3(pose_se3, *CAR_SIZE_LWH_M)
     return BoxDetectionSE3(
-        BoxDetectionAttributes(label, track, options.get("num_lidar_points", 7)), shape, options.get("velocity")
+        BoxDetectionAttributes(label, track, options.get("num_lidar_points", 7)),
+        shape,
+        options.get("velocity"),
     )
 
 
