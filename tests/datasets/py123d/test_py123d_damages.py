@@ -25,7 +25,7 @@ FILES = [
 ]
 
 
-@pytest.fixture(scope="module", params=["ipc", "ipc_zstd", "laz"])
+@pytest.fixture(scope="module", params=["ipc", "ipc_zstd", "laz", "draco"])
 def whole(request: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_log(tmp_path_factory.mktemp("whole"), codec=request.param)
 

@@ -133,7 +133,7 @@ WRONG = [
     (
         "a box at no place",
         lambda step: [tiny.box(PoseSE3(np.nan, 0, 0, 1, 0, 0, 0))],
-        "track 'car-1' moves by nan m",
+        "iteration 0: box moves by nan m",
     ),
     ("a box far away", lambda step: [tiny.box(PoseSE3(0, 0, 0, 1, 0, 0, 0))], "more than 10000 m away"),
     (

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from py123d.datatypes import CameraModel
 
-from upvl_cli.datasets.py123d.library import ArrowLog, library_errors, pose_matrix
+from upvl_cli.datasets.py123d.library import ArrowLog, library_errors, pose_matrices
 from upvl_cli.datasets.shared.pictures import check_picture_size, read_picture
 from upvl_cli.datasets.shared.poses import MAX_ON_CAR_M
 from upvl_cli.errors import BadInput
@@ -36,12 +36,13 @@ def read_camera(metadata: Any, key: str, where: str) -> Camera | None:
     """
     with library_errors(where):
         width_px, height_px = int(metadata.width), int(metadata.height)
-        model, mount = metadata.camera_model, metadata.camera_to_imu_se3
+        model = metadata.camera_model
+        mount = np.array(metadata.camera_to_imu_se3.array, dtype=np.float64)
     if not (1 <= width_px <= _MAX_SIZE_PX and 1 <= height_px <= _MAX_SIZE_PX):
         raise BadInput(
             f"{where} has pictures of {width_px} x {height_px} pixels, which is no size of a picture"
         )
-    ego_from_camera = pose_matrix(mount, f"{where}: camera_to_imu_se3", max_m=MAX_ON_CAR_M)
+    ego_from_camera = pose_matrices(mount, f"{where}: camera_to_imu_se3", max_m=MAX_ON_CAR_M)
     name = key.partition(".")[2]
     if model == CameraModel.PINHOLE:
         with library_errors(where):
@@ -132,7 +133,7 @@ def read_image(log: ArrowLog, iteration: int, camera: Camera) -> Image | None:
         BadInput: It is damaged, or of another size than the calibration says.
     """
     key, where = f"camera.{camera.name}", _place(log, iteration, camera)
-    time_us = log.time_us(iteration, key)
+    time_us = log.times_us(key)[iteration]
     content = None if time_us is None else log.column(iteration, key, "data")
     if time_us is None or content is None:
         return None

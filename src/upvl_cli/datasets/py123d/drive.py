@@ -7,13 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from py123d.datatypes import ModalityType
 
 from upvl_cli.datasets.py123d.cameras import check_first_picture, read_camera, read_image
-from upvl_cli.datasets.py123d.library import ArrowLog, library_errors, open_log, pose_matrix
+from upvl_cli.datasets.py123d.library import ArrowLog, library_errors, open_log, pose_matrices
 from upvl_cli.datasets.py123d.points import CarOutline, car_outline, read_sweep
 from upvl_cli.datasets.shared.road_height import road_height_m
 from upvl_cli.datasets.shared.times import check_frames
@@ -104,16 +103,16 @@ def open_drive(folder: Path, segment: str) -> Py123dDrive:
         raise BadInput(f"{folder} has no LiDAR; expected {_MERGED}.arrow or another lidar.*.arrow in it")
     ego = ModalityType.EGO_STATE_SE3.serialize()
     has_ego = ego in log.metadatas
-    for key in (*lidars, *([ego] if has_ego else ())):
-        log.table(key)
+    if has_ego:
+        log.table(ego)
     frames = _frames_of_sweeps(log, lidars[0], skipped)
     poses = None
     if has_ego:
-        found = {frame: _ego_pose(log, ego, frame) for frame in frames}
-        frames = [frame for frame in frames if found[frame] is not None]
-        if len(frames) < len(found):
-            skipped["sweep without an ego state"] += len(found) - len(frames)
-        poses = np.array([found[frame] for frame in frames])
+        states = [_ego_states(log, ego, frame) for frame in frames]
+        if not all(states):
+            skipped["sweep without an ego state"] += sum(not near for near in states)
+        frames = [frame for frame, near in zip(frames, states, strict=True) if near]
+        poses = _ego_poses(frames, [near for near in states if near], f"{log.path(ego)}: imu_se3")
     if not frames:
         raise BadInput(
             f"{folder} has no frame to read: none of its iterations has a sweep in {lidars[0]}.arrow"
@@ -143,10 +142,9 @@ def _frames_of_sweeps(log: ArrowLog, lidar: str, skipped: Counter[str]) -> list[
     """
     with library_errors(log.path("sync")):
         synced_us = [int(time.time_us) for time in log.scene.get_all_iteration_timestamps()]
+    starts_us, ends_us = log.times_us(lidar), log.times_us(lidar, "end_timestamp_us")
     frames, last_us = [], None
-    for iteration, sync_us in enumerate(synced_us):
-        start_us = log.time_us(iteration, lidar)
-        end_us = log.time_us(iteration, lidar, "end_timestamp_us")
+    for iteration, (sync_us, start_us, end_us) in enumerate(zip(synced_us, starts_us, ends_us, strict=True)):
         if start_us is None:
             skipped["iteration without a sweep"] += 1
         elif start_us == last_us:
@@ -158,11 +156,13 @@ def _frames_of_sweeps(log: ArrowLog, lidar: str, skipped: Counter[str]) -> list[
     return frames
 
 
-def _ego_pose(log: ArrowLog, ego: str, frame: Frame) -> Array | None:
-    """Return the (4, 4) world_from_ego of a frame; None where no state is near in time."""
+def _ego_states(log: ArrowLog, ego: str, frame: Frame) -> dict[int, Array]:
+    """Return the pose (7 numbers) of the state at a frame, or of those before and after it, by time (us).
+
+    Nothing is returned where no state is near.
+    """
     time_us = frame.time_ns // 1000
-    where = f"{log.path(ego)}, iteration {frame.index}"
-    with library_errors(where):
+    with library_errors(f"{log.path(ego)}, iteration {frame.index}"):
         state = log.scene.get_ego_state_se3_at_iteration(frame.index)
         near = [state]
         if state is None or state.timestamp.time_us != time_us:
@@ -170,24 +170,33 @@ def _ego_pose(log: ArrowLog, ego: str, frame: Frame) -> Array | None:
                 log.scene.get_ego_state_se3_at_timestamp(time_us, criteria=side)
                 for side in ("backward", "forward")
             ]
-    states: dict[int, Any] = {found.timestamp.time_us: found for found in near if found is not None}
-    times_us = sorted(states)
-    if not times_us or max(abs(time - time_us) for time in times_us) > _MAX_POSE_GAP_US:
-        return None
-    poses = np.array([pose_matrix(states[time].imu_se3, f"{where}: imu_se3") for time in times_us])
-    return pose_at([1000 * time for time in times_us], poses, frame.time_ns)
+        states = {int(known.timestamp.time_us): known.imu_se3.array for known in near if known is not None}
+    if any(abs(time - time_us) > _MAX_POSE_GAP_US for time in states):
+        return {}
+    return {time: np.array(states[time], dtype=np.float64) for time in sorted(states)}
+
+
+def _ego_poses(frames: list[Frame], states: list[dict[int, Array]], where: str) -> Array:
+    """Return (T, 4, 4) world_from_ego: of the state at each frame, or on the way between the two around it."""
+    numbers = [pose for near in states for pose in near.values()]
+    found = iter(pose_matrices(np.array(numbers).reshape(-1, 7), where))
+    poses = []
+    for frame, near in zip(frames, states, strict=True):
+        times_ns = [1000 * time for time in near]
+        poses.append(pose_at(times_ns, np.array([next(found) for _ in near]), frame.time_ns))
+    return np.array(poses).reshape(-1, 4, 4)
 
 
 def _cameras(log: ArrowLog, frames: list[int], skipped: Counter[str]) -> tuple[Camera, ...]:
     """Return the cameras with pictures and a lens that can be used."""
     cameras = []
     for key in log.keys(ModalityType.CAMERA):
-        log.table(key)
+        times_us = log.times_us(key)
         camera = read_camera(log.metadatas[key], key, str(log.path(key)))
         if camera is None:
             skipped[f"{key} without a calibration that can be used"] += 1
             continue
-        taken = [frame for frame in frames if log.time_us(frame, key) is not None]
+        taken = [frame for frame in frames if times_us[frame] is not None]
         if taken:
             check_first_picture(log, taken[0], camera)
             cameras.append(camera)

@@ -12,7 +12,7 @@ from py123d.datatypes import ModalityType
 from py123d.datatypes.detections import DefaultBoxDetectionLabel
 
 from upvl_cli.datasets.py123d.drive import Py123dDrive
-from upvl_cli.datasets.py123d.library import library_errors, pose_matrix
+from upvl_cli.datasets.py123d.library import library_errors, pose_matrices
 from upvl_cli.datasets.shared.class_types import type_of_class
 from upvl_cli.datasets.shared.tracks import count_points, velocities_of_tracks
 from upvl_cli.errors import BadInput
@@ -35,11 +35,9 @@ class Py123dLabels:
     def frames(self, segment: str) -> Ints:
         """Return the labelled frames: those with a row of boxes, be it an empty one."""
         drive = self._drive(segment)
-        times = [drive.log.time_us(frame.index, _KEY) for frame in drive.frames]
-        return np.array(
-            [frame.index for frame, time in zip(drive.frames, times, strict=True) if time is not None],
-            dtype=np.int64,
-        )
+        times_us = drive.log.times_us(_KEY)
+        known = [frame.index for frame in drive.frames if times_us[frame.index] is not None]
+        return np.array(known, dtype=np.int64)
 
     def covers(self, segment: str, xyz_ego_m: Array) -> Bools:
         """Return (n,) true: a log does not say where objects were labelled."""
@@ -81,62 +79,49 @@ class Py123dLabels:
 def _labels_of_frame(drive: Py123dDrive, frame: int, world_from_ego: Array) -> Labels:
     """Return the boxes of one frame in its ego axes."""
     where = f"{drive.log.path(_KEY)}, iteration {frame}"
-    rows = []
     with library_errors(where):
         found = drive.log.scene.get_box_detections_se3_at_iteration(frame)
-        for box in () if found is None else found.box_detections:
-            label = box.attributes.label
-            default = label.to_default()
-            if default != DefaultBoxDetectionLabel.EGO:
-                rows.append((box, str(label.name), str(default.name)))
-    tokens = [str(box.attributes.track_token) for box, _, _ in rows]
-    if len(set(tokens)) < len(tokens):
-        twice = next(token for token in tokens if tokens.count(token) > 1)
-        raise BadInput(f"{where} has two boxes of track {twice[:60]!r}; convert the log again")
-    ego_from_world = inverse(world_from_ego)
-    centers = [
-        compose(ego_from_world, pose_matrix(box.center_se3, f"{where}, track {token[:60]!r}"))
-        for (box, _, _), token in zip(rows, tokens, strict=True)
-    ]
-    poses = np.array(centers).reshape(-1, 4, 4)
-    velocity = np.array([_velocity(box, where) for box, _, _ in rows]).reshape(-1, 3)
-    sizes = np.array([_size(box, where) for box, _, _ in rows]).reshape(-1, 3)
+        boxes = [] if found is None else list(found.box_detections)
+        boxes = [box for box in boxes if box.attributes.default_label != DefaultBoxDetectionLabel.EGO]
+        tokens = [str(box.attributes.track_token) for box in boxes]
+        names = [(str(box.attributes.label.name), str(box.attributes.default_label.name)) for box in boxes]
+        # x, y, z, quaternion, length, width, height
+        numbers = np.array([box.bounding_box_se3.array for box in boxes], dtype=np.float64).reshape(-1, 10)
+        given = [np.full(3, np.nan) if box.velocity_3d is None else box.velocity_3d.array for box in boxes]
+        velocity_mps = np.array(given, dtype=np.float64).reshape(-1, 3)
+        counts = [box.attributes.num_lidar_points for box in boxes]
+    _check_boxes(tokens, numbers[:, 7:], velocity_mps, where)
+    world_from_box = pose_matrices(numbers[:, :7], f"{where}: box")
+    poses = compose(inverse(world_from_ego), world_from_box)
     if np.abs(poses[:, :3, 3]).max(initial=0.0) > _MAX_M:
         raise BadInput(f"{where} has a box more than {_MAX_M:g} m away; convert the log again")
-    names = [name for _, name, _ in rows]
     return Labels(
         poses[:, :3, 3],
-        sizes,
+        numbers[:, 7:],
         yaw_of(poses),
-        frame=np.full(len(rows), frame),
+        frame=np.full(len(boxes), frame),
         object_id=np.array(tokens, dtype=str),
-        class_name=np.array(names, dtype=str),
-        type=np.array([type_of_class(name) or type_of_class(default) for _, name, default in rows]),
-        velocity_mps=velocity @ world_from_ego[:3, :3],
-        num_points=np.array([_num_points(box) for box, _, _ in rows]),
-        difficulty=np.zeros(len(rows)),
+        class_name=np.array([name for name, _ in names], dtype=str),
+        type=np.array([type_of_class(name) or type_of_class(default) for name, default in names]),
+        velocity_mps=velocity_mps @ world_from_ego[:3, :3],
+        num_points=np.array([_num_points(count) for count in counts]),
+        difficulty=np.zeros(len(boxes)),
     )
 
 
-def _size(box: Any, where: str) -> list[float]:
-    with library_errors(where):
-        shape = box.bounding_box_se3
-        size = [float(shape.length), float(shape.width), float(shape.height)]
-    if not all(0 < side < _MAX_M for side in size):
+def _check_boxes(tokens: list[str], size_lwh_m: Array, velocity_mps: Array, where: str) -> None:
+    if len(set(tokens)) < len(tokens):
+        twice = next(token for token in tokens if tokens.count(token) > 1)
+        raise BadInput(f"{where} has two boxes of track {twice[:60]!r}; convert the log again")
+    wrong = np.flatnonzero(~((size_lwh_m > 0) & (size_lwh_m < _MAX_M)).all(axis=1))
+    if len(wrong):
+        size = size_lwh_m[wrong[0]].tolist()
         raise BadInput(f"{where} has a box of {size} m, expected length, width, height above 0")
-    return size
+    fast = np.flatnonzero((np.abs(velocity_mps) > _MAX_SPEED_MPS).any(axis=1))
+    if len(fast):
+        velocity = velocity_mps[fast[0]].tolist()
+        raise BadInput(f"{where} has a box that moves at {velocity} m/s; check the unit")
 
 
-def _velocity(box: Any, where: str) -> Array:
-    """Return (3,) velocity in the axes of the world; NaN where the log gives none."""
-    with library_errors(where):
-        given = box.velocity_3d
-        velocity = np.full(3, np.nan) if given is None else np.array(given.array, dtype=np.float64)
-    if velocity.shape != (3,) or np.nanmax(np.abs(velocity), initial=0.0) > _MAX_SPEED_MPS:
-        raise BadInput(f"{where} has a box that moves at {velocity.tolist()} m/s; check the unit")
-    return velocity
-
-
-def _num_points(box: Any) -> int:
-    count = box.attributes.num_lidar_points
-    return int(count) if isinstance(count, int) and 0 <= count < 2**40 else -1
+def _num_points(count: Any) -> int:
+    return count if isinstance(count, int) and 0 <= count < 2**40 else -1

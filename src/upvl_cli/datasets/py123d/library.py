@@ -6,11 +6,12 @@ import logging
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 from py123d.api.scene.arrow.arrow_scene_api import ArrowSceneAPI
 from py123d.api.utils.arrow_helper import get_lru_cached_arrow_table
 from py123d.common.runtime import CacheSettings, setup_cache_settings
@@ -20,6 +21,7 @@ from upvl_cli.datasets.shared.poses import check_pose, quaternion_rotation, rigi
 from upvl_cli.errors import BadInput, one_line
 from upvl_cli.types import Array
 
+_MAX_TIME_US = 2**52  # the year 144 000
 _MAX_REASON = 300  # characters of the library's own message
 # Each keeps a file open, and a system allows a thousand open files; a log has about twenty.
 _MAX_OPEN_TABLES = 256
@@ -66,19 +68,25 @@ class ArrowLog:
     folder: Path
     scene: ArrowSceneAPI
     metadatas: dict[str, Any]
+    _tables: dict[str, pa.Table] = field(default_factory=dict)
+    _times_us: dict[tuple[str, str], list[int | None]] = field(default_factory=dict)
 
     def path(self, key: str) -> Path:
         """Return the file of a modality."""
         return self.folder / f"{key}.arrow"
 
-    def table(self, key: str) -> None:
-        """Check the file of a modality: the library maps it into memory and trusts its offsets.
+    def table(self, key: str) -> pa.Table:
+        """Return the table of a modality, which the library maps into memory and whose offsets it trusts.
 
         Raises:
             BadInput: It is damaged.
         """
-        with library_errors(self.path(key)):
-            get_lru_cached_arrow_table(self.path(key)).validate(full=True)
+        if key not in self._tables:
+            with library_errors(self.path(key)):
+                table = get_lru_cached_arrow_table(self.path(key))
+                table.validate(full=True)
+            self._tables[key] = table
+        return self._tables[key]
 
     def column(self, iteration: int, key: str, name: str, *, decode: bool = False) -> Any:
         """Return one cell of a modality at an iteration; None where it has none there."""
@@ -88,14 +96,25 @@ class ArrowLog:
                 iteration, name, metadata.modality_type, metadata.modality_id, deserialize=decode
             )
 
-    def time_us(self, iteration: int, key: str, name: str = "timestamp_us") -> int | None:
-        """Return a time of a modality at an iteration, in microseconds; None where it has nothing there."""
-        cell = self.column(iteration, key, name)
-        if cell is not None and (not isinstance(cell, int) or abs(cell) >= 2**52):
-            raise BadInput(
-                f"{self.path(key)}, iteration {iteration}: {name} is {str(cell)[:40]}, expected microseconds"
-            )
-        return cell
+    def times_us(self, key: str, name: str = "timestamp_us") -> list[int | None]:
+        """Return the time of a modality at each iteration, in microseconds; None where it has nothing there.
+
+        The table of iterations has for each modality the row of its own table.
+
+        Raises:
+            BadInput: A row is not there, or a time is none.
+        """
+        if (key, name) not in self._times_us:
+            rows, table = self.table("sync"), self.table(key)
+            times_us: list[Any] = [None] * rows.num_rows
+            with library_errors(f"{self.path('sync')}, column {key}"):
+                if key in rows.column_names:
+                    times_us = table[f"{key}.{name}"].take(rows[key].cast("int64")).to_pylist()
+            for time in times_us:
+                if time is not None and (not isinstance(time, int) or abs(time) >= _MAX_TIME_US):
+                    raise BadInput(f"{self.path(key)}: {name} is {str(time)[:40]}, expected microseconds")
+            self._times_us[key, name] = times_us
+        return self._times_us[key, name]
 
     def keys(self, kind: ModalityType) -> list[str]:
         """Return the modalities of a kind, sorted."""
@@ -125,16 +144,16 @@ def open_log(folder: Path) -> ArrowLog:
     return log
 
 
-def pose_matrix(pose: Any, where: str, **limits: float) -> Array:
-    """Return the (4, 4) of a pose of the library, which is x, y, z and a quaternion.
+def pose_matrices(numbers: Array, where: str, **limits: float) -> Array:
+    """Return the (..., 4, 4) of poses of the library, which are x, y, z and a quaternion.
 
     Args:
-        pose: The library's `PoseSE3`.
-        where: What it is, for the message.
+        numbers: (..., 7) the arrays of the library's `PoseSE3`.
+        where: What they are, for the message.
         limits: Those of `check_pose`.
 
     Raises:
-        BadInput: It is not rigid, or too far away.
+        BadInput: One is not rigid, or too far away.
     """
-    numbers = np.array(pose.array, dtype=np.float64)
-    return check_pose(rigid(quaternion_rotation(numbers[3:], where), numbers[:3]), where, **limits)
+    rotation = quaternion_rotation(numbers[..., 3:], where)
+    return check_pose(rigid(rotation, numbers[..., :3]), where, **limits)

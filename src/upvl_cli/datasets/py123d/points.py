@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 
-from upvl_cli.datasets.py123d.library import ArrowLog, library_errors, pose_matrix
+from upvl_cli.datasets.py123d.library import ArrowLog, library_errors, pose_matrices
+from upvl_cli.datasets.py123d.stored import check_stored_sweep
 from upvl_cli.datasets.shared.poses import MAX_ON_CAR_M
 from upvl_cli.errors import BadInput
 from upvl_cli.geometry.se3 import apply, inverse
@@ -18,7 +17,6 @@ from upvl_cli.types import Array, Bools, Frame, Points
 _MAX_M = 1e4  # a LiDAR sees a few hundred metres
 _MAX_OFFSET_NS = 2_000_000_000  # a sweep lasts a tenth of a second
 _MAX_CAR_M = 30.0
-_ARROW_STREAM = b"\xff\xff\xff\xff"  # how a sweep starts that is stored as an Arrow stream
 
 
 @dataclass(frozen=True)
@@ -35,8 +33,12 @@ class CarOutline:
 
     def contains(self, xyz_ego_m: Array) -> Bools:
         """Return (n,) whether each place is inside of it."""
-        xyz = apply(inverse(self.ego_from_center), xyz_ego_m)
-        return np.asarray((np.abs(xyz) < self.size_lwh_m / 2).all(axis=1))
+        reach_m = np.linalg.norm(self.size_lwh_m) / 2
+        near = np.flatnonzero((np.abs(xyz_ego_m - self.ego_from_center[:3, 3]) < reach_m).all(axis=1))
+        xyz = apply(inverse(self.ego_from_center), xyz_ego_m[near])
+        inside = np.zeros(len(xyz_ego_m), dtype=np.bool_)
+        inside[near] = (np.abs(xyz) < self.size_lwh_m / 2).all(axis=1)
+        return inside
 
 
 def car_outline(ego: Any, where: str) -> CarOutline | None:
@@ -51,10 +53,10 @@ def car_outline(ego: Any, where: str) -> CarOutline | None:
     """
     with library_errors(where):
         size_lwh_m = np.array([ego.length, ego.width, ego.height], dtype=np.float64)
-        center = ego.center_to_imu_se3
+        center = np.array(ego.center_to_imu_se3.array, dtype=np.float64)
     if not ((size_lwh_m > 0) & (size_lwh_m <= _MAX_CAR_M)).all():
         return None
-    return CarOutline(pose_matrix(center, f"{where}: center_to_imu_se3", max_m=MAX_ON_CAR_M), size_lwh_m)
+    return CarOutline(pose_matrices(center, f"{where}: center_to_imu_se3", max_m=MAX_ON_CAR_M), size_lwh_m)
 
 
 def read_sweep(log: ArrowLog, key: str, frame: Frame, outline: CarOutline | None) -> Points | None:
@@ -70,14 +72,16 @@ def read_sweep(log: ArrowLog, key: str, frame: Frame, outline: CarOutline | None
         BadInput: The sweep is damaged, or its numbers are impossible.
     """
     where = f"{log.path(key)}, iteration {frame.index}"
-    if log.time_us(frame.index, key) is None:
+    if log.times_us(key)[frame.index] is None:
         return None
     content = log.column(frame.index, key, "data")
-    if isinstance(content, bytes) and content.startswith(_ARROW_STREAM):
-        _check_stream(content, where)
+    if isinstance(content, bytes):
+        check_stored_sweep(content, where)
     metadata = log.metadatas[key]
     with library_errors(where):
-        lidar: Any = log.scene.get_modality_at_iteration(frame.index, metadata.modality_type, metadata.modality_id)
+        lidar: Any = log.scene.get_modality_at_iteration(
+            frame.index, metadata.modality_type, metadata.modality_id
+        )
     if lidar is None:
         raise BadInput(f"{where} has a time but no points; convert the log again")
     with library_errors(where):
@@ -94,14 +98,8 @@ def read_sweep(log: ArrowLog, key: str, frame: Frame, outline: CarOutline | None
     )
     keep = np.isfinite(xyz).all(axis=1)
     if outline is not None:
-        keep &= ~outline.contains(np.nan_to_num(xyz))
+        keep &= ~outline.contains(xyz)
     return points if keep.all() else points[keep]
-
-
-def _check_stream(content: bytes, where: str) -> None:
-    """Raise `BadInput` where lengths in a stored sweep point beyond its end: the library does not look."""
-    with library_errors(where), pa.ipc.open_stream(io.BytesIO(content)) as stream:
-        stream.read_next_batch().validate()
 
 
 def _checked_places(xyz: Any, where: str) -> Array:
