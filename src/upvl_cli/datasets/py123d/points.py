@@ -92,7 +92,7 @@ def read_sweep(log: ArrowLog, key: str, frame: Frame, outline: CarOutline | None
     points = Points(
         xyz,
         _feature(intensity, len(xyz), where).astype(np.float32) / 255,
-        np.nan_to_num(_feature(elongation, len(xyz), where).astype(np.float32), posinf=0, neginf=0),
+        _elongation(elongation, len(xyz), where),
         np.full(len(xyz), sensor) if ids is None else _feature(ids, len(xyz), where),
         _offsets_ns(_feature(time_us, len(xyz), where), frame) if time_us is not None else np.zeros(len(xyz)),
     )
@@ -126,6 +126,11 @@ def _feature(values: Any, count: int, where: str) -> Array:
             f"{where} has {found.shape} values of a feature for {count} points; convert the log again"
         )
     return found
+
+
+def _elongation(values: Any, count: int, where: str) -> Array:
+    width = _feature(values, count, where).astype(np.float32)
+    return width if values is None else np.nan_to_num(width, posinf=0, neginf=0)
 
 
 def _offsets_ns(time_us: Array, frame: Frame) -> Array:
