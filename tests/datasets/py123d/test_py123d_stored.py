@@ -10,6 +10,7 @@ import pytest
 
 pytest.importorskip("py123d", reason="needs the extra py123d")
 
+from py123d.common.io.lidar.draco_lidar_io import encode_point_cloud_as_draco_binary
 from py123d.common.io.lidar.ipc_lidar_io import encode_point_cloud_as_ipc_binary
 from py123d.common.io.lidar.laz_lidar_io import encode_point_cloud_as_laz_binary
 
@@ -18,6 +19,8 @@ from upvl_cli.errors import BadInput
 
 XYZ = np.random.default_rng(0).uniform(-9, 9, (500, 3)).astype(np.float32)
 LAZ = encode_point_cloud_as_laz_binary(XYZ, {"ids": np.zeros(500, np.uint8)})
+DRACO = encode_point_cloud_as_draco_binary(XYZ, {"ids": np.zeros(500, np.uint8), "t": np.arange(500)})
+PLAIN_DRACO = encode_point_cloud_as_draco_binary(XYZ)
 POINT_DATA = struct.unpack_from("<I", LAZ, 96)[0]
 CHUNK_TABLE = struct.unpack_from("<q", LAZ, POINT_DATA)[0]
 
@@ -27,6 +30,11 @@ def laz(form: str, place: int, value: int) -> bytes:
     content = bytearray(LAZ)
     struct.pack_into(form, content, place, value)
     return bytes(content)
+
+
+def draco(old: int, new: int) -> bytes:
+    """The sweep with another number instead of one."""
+    return bytes(DRACO.replace(struct.pack("<I", old), struct.pack("<I", new), 1))
 
 
 DAMAGES = [
@@ -40,15 +48,27 @@ DAMAGES = [
     ("points behind the end", laz("<I", 96, 2**31), "expected more"),
     ("a table of chunks nowhere", laz("<q", POINT_DATA, -1), "expected more"),
     ("cut in its header", LAZ[:90], "expected more"),
+    ("Draco: points", draco(len(XYZ), 2**31), "a sweep with 2147483648 points"),
+    ("Draco: more points than bits", draco(len(XYZ), 100 * len(DRACO) + 1), "points in"),
+    (
+        "Draco without features: points",
+        PLAIN_DRACO[:11] + b"\xff" * 4 + PLAIN_DRACO[15:],
+        "a sweep with 4294967295",
+    ),
+    ("Draco: records", DRACO[:11] + b"\xff\xff\x7f" + DRACO[14:], "a sweep with 2097151 records"),
+    ("Draco: entries", DRACO[:13] + b"\xff\x01" + DRACO[15:], "a sweep with 255 records"),
+    ("Draco: a name behind the end", DRACO[:14] + b"\xff" + DRACO[15:], "records|expected more|points"),
+    ("Draco: cut in its metadata", DRACO[:30], "expected more"),
 ]
 
 
 @pytest.mark.parametrize(
     ("content", "message"), [case[1:] for case in DAMAGES], ids=[case[0] for case in DAMAGES]
 )
-def test_damaged_counts_of_laz(content: bytes, message: str) -> None:
-    check_stored_sweep(LAZ, "sweep 1")
-    with pytest.raises(BadInput, match=f"^sweep 1 is a sweep .*{message}|^sweep 1 is {message}"):
+def test_damaged_counts(content: bytes, message: str) -> None:
+    for whole in (LAZ, DRACO, PLAIN_DRACO):
+        check_stored_sweep(whole, "sweep 1")
+    with pytest.raises(BadInput, match=f"^sweep 1 is .*({message})"):
         check_stored_sweep(content, "sweep 1")
 
 
