@@ -244,6 +244,19 @@ def test_several_lidars_are_one_sweep(tmp_path: Path) -> None:
     assert points.intensity.tolist() == [0] * 5 + [np.float32(51 / 255)] * 5
 
 
+def test_a_merged_lidar_decides_on_frames_and_single_ones_add_to_it(tmp_path: Path) -> None:
+    """As TruckDrive is written."""
+    near = np.full((5, 3), 4.0, np.float32)
+    drive = drive_with(
+        tmp_path,
+        lambda step: tiny.sweep(step, tiny.DOWN, near, ids=None) if step == 0 else None,
+        tiny.sweep,
+    )
+    assert drive.lidars == ("lidar.lidar_merged", "lidar.lidar_down")
+    count = len(tiny.ego_points())
+    assert [len(drive.points(frame.index)) for frame in drive.frames] == [count + 5, count]
+
+
 def test_points_on_the_car_and_without_a_place_are_dropped(tmp_path: Path) -> None:
     x_m, half_m = tiny.CENTER_X_M, tiny.OUTLINE_LWH_M[0] / 2
     places = np.array(
@@ -389,6 +402,11 @@ def test_wrong_logs_are_one_clear_line(modalities: Any, message: str, tmp_path: 
     assert message in str(failure.value)
     assert f"logs/{SPLIT}/{LOG}" in str(failure.value)
     assert_one_line(failure.value)
+
+
+def test_opening_a_drive_looks_at_the_size_of_a_picture(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="is 60 x 60 pixels"):
+        drive_with(tmp_path, tiny.sweep, lambda step: tiny.photo(step, content=tiny.picture((60, 60))))
 
 
 def test_a_car_of_no_size_has_no_outline(tmp_path: Path) -> None:
