@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import io
 import math
+import shutil
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 pytest.importorskip("py123d", reason="needs the extra py123d")
 
@@ -196,6 +199,11 @@ def test_missing_pictures_and_sweeps_are_counted(tmp_path: Path) -> None:
         "no pcam_f0 picture": 1,
     }
     assert drive.image(2, "pcam_f0") is None
+
+
+def test_a_camera_without_pictures_of_sweeps_is_left_out(tmp_path: Path) -> None:
+    steps = [[tiny.sweep(0)], [tiny.photo(1)]]
+    assert drive_of(write_log(tmp_path, steps)).cameras == ()
 
 
 def test_time_and_pose_between_states(tmp_path: Path) -> None:
@@ -409,6 +417,21 @@ def test_opening_a_drive_looks_at_the_size_of_a_picture(tmp_path: Path) -> None:
         drive_with(tmp_path, tiny.sweep, lambda step: tiny.photo(step, content=tiny.picture((60, 60))))
 
 
+def test_a_damaged_picture_is_told_once(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """OpenCV would write about it too, and not by Python."""
+    noise = np.random.default_rng(0).integers(0, 255, (60, 120, 3), dtype=np.uint8)
+    content = io.BytesIO()
+    Image.fromarray(noise).save(content, "JPEG")
+    cut = content.getvalue()[: len(content.getvalue()) // 2]
+    drive = drive_with(
+        tmp_path, tiny.sweep, lambda step: tiny.photo(step, content=cut + (b"" if step else b"\xff\xd9"))
+    )
+    assert drive.image(0, "pcam_f0") is not None
+    with pytest.raises(BadInput, match="iteration 1 cannot be read .not a whole JPEG or PNG"):
+        drive.image(1, "pcam_f0")
+    assert capfd.readouterr().err == ""
+
+
 def test_a_car_of_no_size_has_no_outline(tmp_path: Path) -> None:
     huge = EgoStateSE3Metadata("huge", 1e9, 1e9, 1e9, 3, PoseSE3.identity(), PoseSE3.identity())
     drive = drive_with(
@@ -421,6 +444,13 @@ def test_a_car_of_no_size_has_no_outline(tmp_path: Path) -> None:
 
 def test_a_file_that_the_library_would_skip_is_an_error(tmp_path: Path) -> None:
     root = write_log(tmp_path)
-    (root / tiny.LOG_FOLDER / "camera.pcam_f0.arrow").write_bytes(b"ARROW1\0\0 no more")
-    with pytest.raises(BadInput, match=r"pcam_f0\.arrow has no description that py123d can read"):
+    shutil.copy(root / tiny.LOG_FOLDER / "sync.arrow", root / tiny.LOG_FOLDER / "camera.pcam_x9.arrow")
+    with pytest.raises(BadInput, match=r"pcam_x9\.arrow has no description that py123d can read"):
+        drive_of(root)
+
+
+def test_a_damaged_file_is_named_even_if_it_is_not_used(tmp_path: Path) -> None:
+    root = write_log(tmp_path)
+    (root / tiny.LOG_FOLDER / "radar.merged.arrow").write_bytes(b"ARROW1\0\0 no more")
+    with pytest.raises(BadInput, match=r"radar\.merged\.arrow cannot be read by py123d"):
         drive_of(root)

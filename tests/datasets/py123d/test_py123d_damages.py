@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import struct
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ pytest.importorskip("py123d", reason="needs the extra py123d")
 
 from datasets.contract import read_everything
 from datasets.damages import apply_damage, file_damages
-from datasets.py123d.py123d_log import LOG_FOLDER, write_log
+from datasets.py123d.py123d_log import LOG_FOLDER, boxes, ego_points, ego_state, photo, sweep, write_log
 from upvl_cli.datasets.label_registry import label_source
 from upvl_cli.datasets.py123d.dataset import Py123dLogs
 
@@ -36,6 +37,26 @@ def read(root: Path) -> str | None:
 
 def test_the_whole_log_is_read(whole: Path) -> None:
     assert read(whole) is None
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_with_fewer_rows_than_it_says(name: str, tmp_path: Path) -> None:
+    """The library maps files into memory, and reads on behind the end of one."""
+    count = 9  # a number that nothing else in the files has
+    steps = [[ego_state(step), sweep(step), photo(step), boxes(step)] for step in range(count)]
+    root = write_log(tmp_path, steps)
+    path = root / name
+    path.write_bytes(path.read_bytes().replace(struct.pack("<q", count), struct.pack("<q", 2**40)))
+    assert f"{path} cannot be read by py123d" in str(read(root))
+
+
+def test_a_sweep_with_fewer_points_than_it_says(tmp_path: Path) -> None:
+    """The library ends the process on it."""
+    root = write_log(tmp_path, codec="ipc")
+    path = root / LOG_FOLDER / "lidar.lidar_merged.arrow"
+    old, new = (struct.pack("<q", count) for count in (len(ego_points()), 2**40))
+    path.write_bytes(path.read_bytes().replace(old, new))
+    assert "lidar.lidar_merged.arrow, iteration 0 cannot be read by py123d" in str(read(root))
 
 
 @settings(max_examples=50, deadline=None)

@@ -137,7 +137,9 @@ def read_image(log: ArrowLog, iteration: int, camera: Camera) -> Image | None:
     content = None if time_us is None else log.column(iteration, key, "data")
     if time_us is None or content is None:
         return None
-    if isinstance(content, bytes):  # OpenCV, which the library uses, takes half a picture without a word
+    if isinstance(
+        content, bytes
+    ):  # OpenCV, which the library uses, writes on stderr of its own what is damaged
         rgb = read_picture(content, camera.width_px, camera.height_px, where)
     else:
         with _VIDEO:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 from py123d.api.scene.arrow.arrow_scene_api import ArrowSceneAPI
-from py123d.api.utils.arrow_helper import get_lru_cached_arrow_table
+from py123d.api.utils.arrow_helper import get_lru_cached_arrow_table, open_arrow_schema
 from py123d.common.runtime import CacheSettings, setup_cache_settings
 from py123d.datatypes import ModalityType
 
@@ -127,20 +127,23 @@ def open_log(folder: Path) -> ArrowLog:
     Raises:
         BadInput: It is damaged, or the library cannot read one of its descriptions.
     """
+    log = ArrowLog(folder, ArrowSceneAPI(folder), {})
+    log.table("sync")
+    paths = sorted(folder.glob("*.arrow"))
+    for path in paths:  # the library reads the descriptions of all, but would not say which one is damaged
+        with library_errors(path):
+            open_arrow_schema(path)
     with library_errors(folder):
-        scene = ArrowSceneAPI(folder)
-        metadatas = dict(scene.get_all_modality_metadatas())
-        scene.get_scene_metadata()
+        log.metadatas.update(log.scene.get_all_modality_metadatas())
+        log.scene.get_scene_metadata()
     for kind in (ModalityType.EGO_STATE_SE3, ModalityType.LIDAR, ModalityType.CAMERA):
         name = kind.serialize()
-        for path in sorted(folder.glob("*.arrow")):
-            if path.stem.partition(".")[0] == name and path.stem not in metadatas:
+        for path in paths:
+            if path.stem.partition(".")[0] == name and path.stem not in log.metadatas:
                 raise BadInput(
                     f"{path} has no description that py123d can read; convert the log again, or remove the file to "
                     "do without it"
                 )
-    log = ArrowLog(folder, scene, metadatas)
-    log.table("sync")
     return log
 
 
