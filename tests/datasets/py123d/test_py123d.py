@@ -417,18 +417,16 @@ def test_opening_a_drive_looks_at_the_size_of_a_picture(tmp_path: Path) -> None:
         drive_with(tmp_path, tiny.sweep, lambda step: tiny.photo(step, content=tiny.picture((60, 60))))
 
 
-def test_a_damaged_picture_is_told_once(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    """OpenCV would write about it too, and not by Python."""
+def test_nothing_is_written_on_stderr_about_a_damaged_picture(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """OpenCV would, and not by Python."""
     noise = np.random.default_rng(0).integers(0, 255, (60, 120, 3), dtype=np.uint8)
     content = io.BytesIO()
     Image.fromarray(noise).save(content, "JPEG")
-    cut = content.getvalue()[: len(content.getvalue()) // 2]
-    drive = drive_with(
-        tmp_path, tiny.sweep, lambda step: tiny.photo(step, content=cut + (b"" if step else b"\xff\xd9"))
-    )
-    assert drive.image(0, "pcam_f0") is not None
-    with pytest.raises(BadInput, match="iteration 1 cannot be read .not a whole JPEG or PNG"):
-        drive.image(1, "pcam_f0")
+    half = content.getvalue()[: len(content.getvalue()) // 2] + b"\xff\xd9"
+    drive = drive_with(tmp_path, tiny.sweep, lambda step: tiny.photo(step, content=half))
+    assert drive.image(0, "pcam_f0") is not None  # what is missing is grey
     assert capfd.readouterr().err == ""
 
 

@@ -137,9 +137,8 @@ def read_image(log: ArrowLog, iteration: int, camera: Camera) -> Image | None:
     content = None if time_us is None else log.column(iteration, key, "data")
     if time_us is None or content is None:
         return None
-    if isinstance(
-        content, bytes
-    ):  # OpenCV, which the library uses, writes on stderr of its own what is damaged
+    # Not by the library here: OpenCV, which it uses, writes on stderr of its own about a damaged picture.
+    if isinstance(content, bytes):
         rgb = read_picture(content, camera.width_px, camera.height_px, where)
     else:
         with _VIDEO:
