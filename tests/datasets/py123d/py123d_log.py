@@ -133,9 +133,9 @@ def boxes(step: int, found: Sequence[BoxDetectionSE3] | None = None) -> BoxDetec
     return BoxDetectionsSE3(list(found), Timestamp.from_us(time_us(step)), BOXES)
 
 
-def picture(size: tuple[int, int] = (WIDTH_PX, HEIGHT_PX), kind: str = "JPEG") -> bytes:
+def picture(size: tuple[int, int] = (WIDTH_PX, HEIGHT_PX), color: tuple[int, int, int] = RED) -> bytes:
     buffer = io.BytesIO()
-    Image.new("RGB", size, RED).save(buffer, kind)
+    Image.new("RGB", size, color).save(buffer, "JPEG")
     return buffer.getvalue()
 
 

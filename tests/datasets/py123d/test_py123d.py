@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 import shutil
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -322,6 +323,26 @@ def test_pictures_however_they_are_stored(pictures: str, tmp_path: Path) -> None
     assert image is not None
     assert np.abs(image.rgb.reshape(-1, 3).mean(axis=0) - tiny.RED).max() < 6
     assert (tmp_path / tiny.LOG_FOLDER / "camera.pcam_f0.mp4" in drive.files) == (pictures == "mp4")
+
+
+def test_a_video_is_read_from_two_threads(tmp_path: Path) -> None:
+    count = 20
+    colors = [(12 * step, 12 * step, 12 * step) for step in range(count)]
+    steps = [
+        [tiny.sweep(step), tiny.photo(step, content=tiny.picture(color=colors[step]))]
+        for step in range(count)
+    ]
+    drive = drive_of(write_log(tmp_path, steps, pictures="mp4"))
+
+    def grey(frame: int) -> float:
+        image = drive.image(frame, "pcam_f0")
+        assert image is not None
+        return float(image.rgb.mean())
+
+    with ThreadPoolExecutor(2) as pool:
+        found = list(pool.map(grey, [*range(count), *range(count)[::-1]]))
+    np.testing.assert_allclose(found[:count], [color[0] for color in colors], atol=4)
+    assert found[:count] == found[count:][::-1]
 
 
 def test_a_picture_of_a_file_that_is_not_there_is_one_line(tmp_path: Path, monkeypatch: Any) -> None:
