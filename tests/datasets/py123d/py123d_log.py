@@ -33,6 +33,9 @@ from py123d.geometry import BoundingBoxSE3, PoseSE3, Vector3D
 from py123d.parser.base_dataset_parser import ModalitiesSync, ParsedCamera
 from py123d.parser.registry import AV2SensorBoxDetectionLabel
 
+from upvl_cli.datasets.py123d.dataset import Py123dLogs
+from upvl_cli.datasets.py123d.drive import Py123dDrive
+
 SPLIT, LOG = "tiny_val", "2026.01.02-drive_0001"
 LOG_FOLDER = f"logs/{SPLIT}/{LOG}"
 COUNT = 4
@@ -187,3 +190,13 @@ def write_log(
             writer.write_sync(ModalitiesSync(Timestamp.from_us(at_us), list(modalities)))
     writer.close()
     return root
+
+
+def drive_of(root: Path) -> Py123dDrive:
+    return Py123dLogs(root).open(LOG)
+
+
+def drive_with(root: Path, *modalities: Any, **options: Any) -> Py123dDrive:
+    """A log of two iterations: each modality is given by a function of its step, or left out where it is None."""
+    steps = [[found for make in modalities if (found := make(step)) is not None] for step in range(2)]
+    return drive_of(write_log(root, steps, **options))
