@@ -40,7 +40,7 @@ def added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_ours_are_known_by_name() -> None:
-    assert set(DATASETS) == {"argoverse2", "kitti", "nuscenes", "parquet", "synthetic", "waymo"}
+    assert set(DATASETS) == {"argoverse2", "kitti", "nuscenes", "parquet", "py123d", "synthetic", "waymo"}
     assert set(LABELS) == set(DATASETS)
     assert all(dataset_family(name) is DATASETS[name] for name in DATASETS)
 

@@ -47,6 +47,12 @@ def _parquet(root: Path, dataset: Any) -> LabelSource:
     return ParquetLabels(root, dataset)
 
 
+def _py123d(root: Path, dataset: Any) -> LabelSource:
+    from upvl_cli.datasets.py123d.labels import Py123dLabels
+
+    return Py123dLabels(root, dataset)
+
+
 def _city(root: Path, dataset: Any) -> LabelSource:
     from upvl_cli.synthetic.labels import CityLabels
 
@@ -71,6 +77,7 @@ LABELS: dict[str, Callable[[Path, Any], LabelSource]] = {
     "kitti": _kitti,
     "nuscenes": _nuscenes,
     "parquet": _parquet,
+    "py123d": _py123d,
     "synthetic": _city,
     "waymo": _waymo,
 }

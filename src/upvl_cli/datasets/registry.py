@@ -58,6 +58,21 @@ def _parquet(root: Path, config: None) -> Dataset:
     return ParquetDrives(root)
 
 
+def _py123d(root: Path, config: None) -> Dataset:
+    try:
+        from upvl_cli.datasets.py123d.dataset import Py123dLogs
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        raise BadSetting(
+            f"the dataset py123d needs the package {package}; run: pip install 'upvl[py123d]'"
+        ) from None
+    except ImportError as error:  # another version of the library, or a system library that OpenCV lacks
+        raise BadSetting(
+            f"the package py123d cannot be loaded: {one_line(error)}; run: pip install 'upvl[py123d]'"
+        ) from None
+    return Py123dLogs(root)
+
+
 def _synthetic(root: Path, config: CityConfig) -> Dataset:
     try:
         from upvl_cli.synthetic.dataset import City
@@ -81,6 +96,7 @@ DATASETS: dict[str, DatasetFamily] = {
     "kitti": DatasetFamily(_kitti),
     "nuscenes": DatasetFamily(_nuscenes),
     "parquet": DatasetFamily(_parquet),
+    "py123d": DatasetFamily(_py123d),
     "synthetic": DatasetFamily(_synthetic, CityConfig),
     "waymo": DatasetFamily(_waymo),
 }

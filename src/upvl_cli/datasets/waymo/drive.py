@@ -110,7 +110,7 @@ class WaymoDrive:
             calibration = self.source.lasers[laser]
             found.append(laser_return(laser, number, image, calibration, pixel_poses[laser], pose, where))
         found.sort(key=lambda item: (item.laser, item.return_number))
-        self._remember(self._pixels, frame, {(item.laser, item.return_number): item.pixel for item in found})
+        self._keep_recent(self._pixels, frame, {(item.laser, item.return_number): item.pixel for item in found})
         return found
 
     def points(self, frame: int) -> Points:
@@ -169,10 +169,10 @@ class WaymoDrive:
             if frame in cache:
                 return cache[frame]
         found = read(frame)
-        self._remember(cache, frame, found)
+        self._keep_recent(cache, frame, found)
         return found
 
-    def _remember(self, cache: OrderedDict[int, T], frame: int, found: T) -> None:
+    def _keep_recent(self, cache: OrderedDict[int, T], frame: int, found: T) -> None:
         with self._lock:
             cache[frame] = found
             while len(cache) > _CACHED_FRAMES:
