@@ -128,6 +128,14 @@ MAKERS: dict[str, tuple[str, Callable[[Path, int], None]]] = {
 }
 
 
+def peak_mib() -> float:
+    """Return the most memory that this process held; `ru_maxrss` would have that of the process that started it."""
+    status = Path("/proc/self/status")
+    if status.is_file():
+        return int(status.read_text().partition("VmHWM:")[2].split()[0]) / 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
 def stream(name: str, dataset: str, root: Path) -> bool:
     """Print the figures of a drive and return whether a bar is missed."""
     with contextlib.suppress(BadInput):  # loads the adapter, which is not what is timed
@@ -139,7 +147,7 @@ def stream(name: str, dataset: str, root: Path) -> bool:
     start = time.process_time()
     total = sum(len(drive.points(frame.index)) for frame in drive.frames)
     seconds = time.process_time() - start
-    mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    mib = peak_mib()
     print(
         f"{name}: {len(drive.frames)} frames of {total / len(drive.frames):.0f} points, open in {open_s:.2f} s "
         f"(bar {MAX_OPEN_S:g}), {len(drive.frames) / seconds:.0f} sweeps/s a core, {mib:.0f} MiB (bar {MAX_MIB})",

@@ -45,8 +45,8 @@ def with_nan(drive: TinyDrive) -> None:
 
 @pytest.mark.parametrize(
     ("spoil", "message"),
-    [(empty, "is empty"), (truncated, "16"), (with_nan, "finite")],
-    ids=["empty sweep", "truncated sweep", "NaN point"],
+    [(empty, "is empty"), (truncated, "16")],
+    ids=["empty sweep", "truncated sweep"],
 )
 def test_a_spoilt_sweep(drive: TinyDrive, workspace: Path, spoil: Callable, message: str) -> None:
     spoil(drive)
@@ -54,6 +54,13 @@ def test_a_spoilt_sweep(drive: TinyDrive, workspace: Path, spoil: Callable, mess
     assert "0000000002.bin" in line
     assert message in line
     assert not list(workspace.glob("out/**/.*.part"))
+
+
+def test_rays_without_return_are_left_out_and_counted(drive: TinyDrive, workspace: Path) -> None:
+    with_nan(drive)
+    done = upvl(workspace, "autolabel", "--moving-only")
+    assert done.returncode == 0, done.stderr
+    assert "1 points without a return (not a number)" in done.stdout
 
 
 def test_malformed_calibration(drive: TinyDrive, workspace: Path) -> None:
@@ -88,7 +95,12 @@ def test_a_missing_sweep_is_counted(drive: TinyDrive, workspace: Path) -> None:
         ("mask", "min_speed_mps", "[" * 500, "is not valid TOML"),
         ("propose", "background.max_share", "1.5", "must be >= 0 and <= 1"),
         ("propose", "clustering.min_points", '"few"', "clustering.min_points = 'few' must be a whole number"),
-        ("raw", "dataset", '"kiti"', "unknown dataset 'kiti'; did you mean 'kitti'? (known: kitti, street,"),
+        (
+            "raw",
+            "dataset",
+            '"kiti"',
+            "unknown dataset 'kiti'; did you mean 'kitti'? (known: argoverse2, kitti,",
+        ),
         ("raw", "segments", '["none"]', "unknown segment 'none'"),
         ("raw", "segments", '["../../etc"]', "unknown segment '../../etc'"),
         ("raw", "root", '"/nowhere"', "/nowhere"),

@@ -38,7 +38,7 @@ class GroundConfig(Config):
 def run(inputs: Inputs, config: GroundConfig) -> Iterator[GroundRow]:
     """Find the ground below every sweep, and how high above it each point is."""
     from upvl_cli.perception.ground.height import height_above_ground, height_above_known_ground
-    from upvl_cli.perception.ground.source import GroundSource
+    from upvl_cli.perception.ground.source import GroundSource, IncompleteSweeps
     from upvl_cli.runtime.parallel import in_order
 
     drive = inputs.drive
@@ -60,6 +60,9 @@ def run(inputs: Inputs, config: GroundConfig) -> Iterator[GroundRow]:
         is_ground = heights_m <= config.max_height_m
         inputs.count("ground points", is_ground.sum())
         inputs.count("points above ground", (~is_ground).sum())
+        if isinstance(drive, IncompleteSweeps):
+            for reason, points in drive.skipped_points.get(frame.index, {}).items():
+                inputs.count(reason, points)
         yield GroundRow(inputs.segment, frame.index, heights_m, is_ground)
 
 

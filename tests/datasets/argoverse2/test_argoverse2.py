@@ -238,7 +238,7 @@ def test_points_that_are_no_number_are_left_out_and_counted(log: Log) -> None:
     write_feather(log.folder / f"sensors/lidar/{FIRST_NS}.feather", columns)
     drive = opened(log)
     assert len(drive.points(0)) == len(drive.points(0)) == 38
-    assert drive.skipped == {"points without a return (not a number)": 2}
+    assert drive.skipped_points == {0: {"points without a return (not a number)": 2}}
 
 
 def test_a_column_that_is_missing_is_named(log: Log) -> None:

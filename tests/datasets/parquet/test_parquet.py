@@ -128,7 +128,7 @@ def test_points_without_a_place_are_dropped_and_counted(root: Path) -> None:
     write_points(root, x_m=x_m)
     drive = drive_of(root)
     assert len(drive.points(FRAMES[1])) == len(x_m[1]) - 7
-    assert drive.dropped_points == {FRAMES[1]: 7}
+    assert drive.skipped_points == {FRAMES[1]: {"points without a return (not a number)": 7}}
 
 
 def test_points_measured_while_the_lidar_turned_are_moved_to_the_time_of_the_frame(root: Path) -> None:

@@ -44,7 +44,7 @@ def test_the_whole_drive_is_read(whole: Path) -> None:
     assert read(whole) is None
 
 
-@settings(max_examples=1200, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(st.lists(file_damages(FILES), min_size=1, max_size=2))
 def test_damaged_files(whole: Path, damages: list[tuple[Any, ...]]) -> None:
     with tempfile.TemporaryDirectory() as folder:
@@ -74,7 +74,7 @@ CELLS = st.one_of(
 )
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(st.sampled_from(list(FOLDERS)), st.data(), CELLS, st.sampled_from([1, 3, 100]))
 def test_columns_of_other_types_and_values(
     whole: Path, folder: str, data: st.DataObject, cells: list[Any], row_group_size: int

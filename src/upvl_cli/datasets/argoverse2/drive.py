@@ -67,24 +67,16 @@ class ArgoverseDrive:
     pictures: Mapping[str, Mapping[int, tuple[int, Path]]]
     world_from_ego: Array | None
     height_paths: tuple[Path, Path] | None
-    skipped_at_opening: Mapping[str, int]
+    skipped: Mapping[str, int]
     files: tuple[Path, ...]
     ground_z_m: float = -_AXLE_HEIGHT_M
-    _skipped_points: dict[int, Mapping[str, int]] = field(default_factory=dict)
+    skipped_points: dict[int, Mapping[str, int]] = field(default_factory=dict)
     _heights: list[GroundHeights] = field(default_factory=list)
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
-    @property
-    def skipped(self) -> Mapping[str, int]:
-        """How many frames, pictures and, in the sweeps read so far, points were left out, by reason."""
-        total = Counter(self.skipped_at_opening)
-        for of_frame in list(self._skipped_points.values()):
-            total.update(of_frame)
-        return dict(total)
-
     def points(self, frame: int) -> Points:
         """Return the sweep of a frame; raises `BadInput` where there is no such frame or its file is damaged."""
-        points, self._skipped_points[frame] = read_sweep(self.sweeps[self._known(frame)])
+        points, self.skipped_points[frame] = read_sweep(self.sweeps[self._known(frame)])
         return points
 
     def image(self, frame: int, camera: str) -> Image | None:
@@ -169,7 +161,7 @@ def open_drive(folder: Path) -> ArgoverseDrive:
         pictures=pictures,
         world_from_ego=pose,
         height_paths=heights,
-        skipped_at_opening={reason: count for reason, count in skipped.items() if count},
+        skipped={reason: count for reason, count in skipped.items() if count},
         files=tuple(sorted(files)),
     )
 

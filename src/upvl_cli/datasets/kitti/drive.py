@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Literal
@@ -47,6 +47,7 @@ class KittiDrive:
         turn_s: Seconds that the LiDAR takes to turn once; 0 where unknown.
         is_compensated: Whether the files hold points where they were at the frame's time.
         is_view_of_delft: Whether it is of View-of-Delft, whose car is another one.
+        skipped_points: How many points were left out of each sweep that was read, by frame and reason.
     """
 
     name: str
@@ -63,6 +64,7 @@ class KittiDrive:
     files: tuple[Path, ...]
     is_compensated: bool = False
     is_view_of_delft: bool = False
+    skipped_points: dict[int, Mapping[str, int]] = field(default_factory=dict)
 
     @cached_property
     def vehicle(self) -> Vehicle:
@@ -88,7 +90,8 @@ class KittiDrive:
         if frame not in self.sweeps:
             known = f"it has {len(self.sweeps)} between {min(self.sweeps)} and {max(self.sweeps)}"
             raise BadInput(f"{self.name} has no frame {frame}; {known}")
-        values = without_car(read_sweep(self.sweeps[frame]), self.vehicle)
+        rows, self.skipped_points[frame] = read_sweep(self.sweeps[frame])
+        values = without_car(rows, self.vehicle)
         xyz_ego_m, total = np.ascontiguousarray(values[:, :3]), len(values)
         offset_s = kitti_twist.offsets_s(xyz_ego_m, turn_s=self.turn_s)
         return Points(

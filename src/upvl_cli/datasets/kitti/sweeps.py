@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,10 +27,10 @@ _CAR_X_M, _CAR_Y_M = (-2.3, 3.0), (-1.6, 1.6)
 _MEASURED_SWEEPS = 5  # over the drive: a slope or a queue of cars around one of them decides nothing
 
 
-def read_sweep(path: Path) -> Array:
-    """Return (n, 4) float32 x, y, z and reflectance of a `.bin`, the last 0 in a file of places alone.
+def read_sweep(path: Path) -> tuple[Array, Mapping[str, int]]:
+    """Return (n, 4) float32 x, y, z and reflectance of a `.bin`, and how many rows were left out, by reason.
 
-    Rays without return (NaN) are left out.
+    Reflectance is 0 in a file of places alone. Left out are rays without return (NaN).
 
     Raises:
         BadInput: The file is missing, cut off, or holds anything else; the message names what.
@@ -41,13 +41,13 @@ def read_sweep(path: Path) -> Array:
         values = np.frombuffer(content, dtype=_ROWS.dtype).reshape(-1, 4)
         # One pass over what is nearly always in order; NaN fails every comparison.
         if np.abs(values).max() <= MOST_M:
-            return values
+            return values, {}
     if found == _PLACES and len(content) % _PLACES.row_bytes == 0:
         points = read_bin(content, 3, str(path))
     else:
         points = parse_points(content, 4, str(path))
     reflectance = np.zeros(len(points)) if points.intensity is None else points.intensity
-    return np.column_stack([points.xyz_m, reflectance]).astype(np.float32)
+    return np.column_stack([points.xyz_m, reflectance]).astype(np.float32), points.skipped
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def measure_vehicle(sweeps: Sequence[Path], *, is_kittis: bool | None) -> Vehicl
     heights_m, largest = [], 0.0
     for path in (sweeps[place] for place in chosen):
         try:
-            values = read_sweep(path)
+            values, _ = read_sweep(path)
         except BadInput:  # reading that sweep says so
             continue
         if len(values):

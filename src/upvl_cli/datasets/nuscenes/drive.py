@@ -50,19 +50,11 @@ class NuScenesDrive:
     pictures: Mapping[str, Mapping[int, SensorFile]]
     world_from_ego: Array | None
     kind: str
-    skipped_at_opening: Mapping[str, int]
+    skipped: Mapping[str, int]
     files: tuple[Path, ...]
-    _skipped_points: dict[int, Mapping[str, int]] = field(default_factory=dict)
+    skipped_points: dict[int, Mapping[str, int]] = field(default_factory=dict)
     _road_m: list[float] = field(default_factory=list)
     _lock: threading.Lock = field(default_factory=threading.Lock)
-
-    @property
-    def skipped(self) -> Mapping[str, int]:
-        """How many frames, pictures and, in the sweeps read so far, points were left out, by reason."""
-        total = Counter(self.skipped_at_opening)
-        for of_frame in list(self._skipped_points.values()):
-            total.update(of_frame)
-        return dict(total)
 
     @property
     def ground_z_m(self) -> float:
@@ -81,7 +73,7 @@ class NuScenesDrive:
             BadInput: There is no such frame, or its file is damaged.
         """
         scan = read_points(self.sweeps[self._known(frame)].path, columns=_COLUMNS)
-        self._skipped_points[frame] = scan.skipped
+        self.skipped_points[frame] = scan.skipped
         xyz_ego_m = apply(self.ego_from_lidar, scan.xyz_m).astype(np.float32)
         intensity = np.zeros(len(scan)) if scan.intensity is None else scan.intensity
         if self.kind == "nuscenes":
@@ -153,7 +145,7 @@ def open_drive(scene: Scene) -> NuScenesDrive:
         pictures=pictures,
         world_from_ego=np.stack([poses[sweep.record.pose_token] for sweep in sweeps]),
         kind="t4" if scene.tables.is_t4 else "lyft" if is_lyft else "nuscenes",
-        skipped_at_opening={reason: count for reason, count in skipped.items() if count},
+        skipped={reason: count for reason, count in skipped.items() if count},
         files=tuple(sorted({*tables, *images, *(sweep.record.path for sweep in sweeps)})),
     )
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from upvl_cli.datasets.parquet.cameras import PictureTable, open_pictures, read_cameras
 from upvl_cli.datasets.parquet.points import PointTable, open_points
 from upvl_cli.datasets.shared.motion_compensation import compensate
+from upvl_cli.datasets.shared.point_files.scan import NO_RETURN
 from upvl_cli.datasets.shared.road_height import road_height_m
 from upvl_cli.errors import BadInput
 from upvl_cli.types import Array, Camera, Frame, Image, Points
@@ -25,7 +26,7 @@ class ParquetDrive:
     Attributes:
         table: The sweeps.
         pictures: The pictures; None without cameras.
-        dropped_points: Points without a place in the sweeps that were read, by frame.
+        skipped_points: How many points were left out of each sweep that was read, by frame and reason.
     """
 
     name: str
@@ -34,7 +35,7 @@ class ParquetDrive:
     pictures: PictureTable | None
     skipped: Mapping[str, int]
     files: tuple[Path, ...]
-    dropped_points: dict[int, int] = field(default_factory=dict)
+    skipped_points: dict[int, Mapping[str, int]] = field(default_factory=dict)
 
     @property
     def frames(self) -> tuple[Frame, ...]:
@@ -63,7 +64,8 @@ class ParquetDrive:
             raise BadInput(
                 f"{self.name} has no frame {frame}; it has {len(self.frames)} between {first} and {last}"
             )
-        points, self.dropped_points[frame] = self.table.read(step)
+        points, without_place = self.table.read(step)
+        self.skipped_points[frame] = {NO_RETURN: without_place}
         if self.table.is_compensated or self.world_from_ego is None or not points.time_offset_ns.any():
             return points
         near = slice(max(step - 1, 0), step + 2)

@@ -18,6 +18,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from upvl_cli.datasets.shared.content import unreadable
 from upvl_cli.datasets.shared.parquet_encoding import LevelRuns, read_levels, single_column_file
 from upvl_cli.datasets.shared.thrift import Fields, ShortInput, read_struct, write_struct
 from upvl_cli.errors import BadInput, one_line
@@ -106,10 +107,8 @@ class ColumnChunk:
             where: File and column, for messages.
         """
         self._path, self._where = path, where
-        self._most_repetition, self._most_definition = (
-            column.max_repetition_level,
-            column.max_definition_level,
-        )
+        self._most_repetition = column.max_repetition_level
+        self._most_definition = column.max_definition_level
         self._type = str(metadata.physical_type)
         codec = str(metadata.compression)
         if codec not in _CODECS or self._type not in _TYPES:
@@ -147,7 +146,7 @@ class ColumnChunk:
         """
         parts = []
         entry = start
-        with self._path_descriptor() as file:
+        with self._file() as file:
             while entry < stop:
                 number = self._page_number(file.fileno(), entry)
                 page, first = self._page(file.fileno(), number), self._first_entries[number]
@@ -173,7 +172,7 @@ class ColumnChunk:
     def row_starts(self) -> Ints:
         """Return the entries at which the rows begin; reads the whole column."""
         starts = []
-        with self._path_descriptor() as file:
+        with self._file() as file:
             entry = 0
             while entry < self.entries:
                 number = self._page_number(file.fileno(), entry)
@@ -181,13 +180,11 @@ class ColumnChunk:
                 entry += self._pages[number].entries
         return np.concatenate([*starts, np.zeros(0, np.int64)])
 
-    def _path_descriptor(self) -> Any:
+    def _file(self) -> Any:
         try:
             return self._path.open("rb", buffering=0)
         except OSError as error:
-            raise BadInput(
-                f"{self._path} cannot be read ({error.strerror}); check that it is there"
-            ) from None
+            raise unreadable(self._path, error) from None
 
     def _page_number(self, file: int, entry: int) -> int:
         """Return the number of the page of an entry; reads headers up to it."""
@@ -349,4 +346,4 @@ def _size(path: Path) -> int:
     try:
         return path.stat().st_size
     except OSError as error:
-        raise BadInput(f"{path} cannot be read ({error.strerror}); check that it is there") from None
+        raise unreadable(path, error) from None

@@ -110,7 +110,9 @@ class WaymoDrive:
             calibration = self.source.lasers[laser]
             found.append(laser_return(laser, number, image, calibration, pixel_poses[laser], pose, where))
         found.sort(key=lambda item: (item.laser, item.return_number))
-        self._keep_recent(self._pixels, frame, {(item.laser, item.return_number): item.pixel for item in found})
+        self._keep_recent(
+            self._pixels, frame, {(item.laser, item.return_number): item.pixel for item in found}
+        )
         return found
 
     def points(self, frame: int) -> Points:
