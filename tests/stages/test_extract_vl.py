@@ -104,7 +104,7 @@ def test_other_code_of_a_model_makes_its_shards_stale(
     assert freshness("ground")[0] == "fresh"
 
 
-def test_the_size_is_forefreshness(labelled: Path) -> None:
+def test_the_size_is_estimated(labelled: Path) -> None:
     said = upvl(labelled, "extract-vl", "--dry-run").stdout
     foretold = float(said.splitlines()[0].split()[1]) * 1e6
     true = (labelled / "out" / "extract-vl" / f"{SEGMENT}.parquet").stat().st_size
