@@ -86,6 +86,8 @@ def import_drive(request: ImportRequest, watch: Watch) -> ImportSummary:
         BadSetting: An option is wrong.
         UpvlError: The folder cannot be written, or holds a file of that name that no import wrote.
     """
+    if request.folder.exists() and not request.folder.is_dir():
+        raise BadSetting(f"{request.folder} is a file; expected a folder of drives to write into")
     try:
         recording = _open(request)
     except OSError as error:  # a folder that may not be looked into
@@ -98,18 +100,24 @@ def import_drive(request: ImportRequest, watch: Watch) -> ImportSummary:
     camera_names = tuple(camera.name for camera in recording.cameras)
     done = ImportCounts.read(paths["images" if recording.cameras else "points"], fingerprint)
     points_done = ImportCounts.read(paths["points"], fingerprint)
+    # A drive is listed by its table of points: that one appears last, when the pictures are there.
+    staged = paths["points"].with_name(f".{segment}.staged")
     if done is not None and points_done is not None:
         return ImportSummary(segment, done, recording.notes, camera_names, was_there=True)
     conversion = measure(recording.sample(), request.intensity_max, request.car_m)
     is_compensated = request.is_compensated or not conversion.has_times
+    if done is None and points_done is not None:
+        os.replace(paths["points"], staged)
+    points_done = ImportCounts.read(staged, fingerprint)
     if points_done is None:
         _remove_imported(paths["points"])
         metadata = {"motion_compensated": "true" if is_compensated else "false"}
         points_done = write_points(
-            paths["points"], recording, conversion, fingerprint, metadata,
+            staged, paths["points"].with_name(f".{segment}.parts"), recording, conversion, fingerprint, metadata,
             lambda count: watch("sweeps", count, recording.total),
         )  # fmt: skip
-    _write_pictures(paths, recording, fingerprint, points_done, watch)
+    _write_pictures({**paths, "points": staged}, recording, fingerprint, points_done, watch)
+    os.replace(staged, paths["points"])
     notes = (*recording.notes, *conversion.notes)
     if conversion.has_times and not is_compensated:
         notes = (
@@ -147,6 +155,8 @@ def _open_ros(request: ImportRequest) -> Recording:
             "recording has a topic map: --topics"
         )
     if request.topics is not None:
+        if not request.topics.is_file():
+            raise BadSetting(f"{request.topics} is missing; without --topics a map is proposed")
         return open_ros(request.source, request.topics)
     path = request.folder / f"{request.segment or segment_name(request.source)}.topics.toml"
     if not path.exists():

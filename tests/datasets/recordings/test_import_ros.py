@@ -335,3 +335,40 @@ def test_damaged_recordings_give_a_drive_or_one_line(
         except UpvlError as error:
             assert len(str(error).splitlines()) == 1
             assert not list(folder.rglob("points/drive.parquet"))
+
+
+def test_a_drive_is_listed_only_when_its_pictures_are_there(tmp_path: Path) -> None:
+    """An import that is stopped among the pictures leaves no drive; the next one ends as if it had not been stopped."""
+    bag = write_bag(tmp_path / "bag", storage="mcap")
+    run(bag, tmp_path / "whole")
+
+    def stop(what: str, count: int, total: int) -> None:
+        if what == "pictures":
+            raise KeyboardInterrupt
+
+    folder = tmp_path / "stopped"
+    folder.mkdir()
+    (folder / "topics.toml").write_text(MAP)
+    request = ImportRequest(bag, folder, "drive", topics=folder / "topics.toml")
+    with pytest.raises(KeyboardInterrupt):
+        import_drive(request, stop)
+    assert not list(folder.glob("points/*.parquet"))
+    run(bag, folder)
+    for table in ("points", "images"):
+        assert [path.name for path in (folder / table).iterdir()] == ["drive.parquet"]
+    drive, undisturbed = (ParquetDrives(root).open("drive") for root in (folder, tmp_path / "whole"))
+    assert len(drive.frames) == len(undisturbed.frames) == 4
+    assert drive.image(2, "front") is not None
+
+
+def test_a_missing_topic_map_is_one_clear_line(tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", storage="mcap")
+    request = ImportRequest(bag, tmp_path / "drives", "drive", topics=tmp_path / "none.toml")
+    with pytest.raises(BadSetting, match="none.toml is missing; without --topics a map is proposed"):
+        import_drive(request, lambda *_: None)
+
+
+def test_a_target_that_is_a_file_is_one_clear_line(tmp_path: Path) -> None:
+    (tmp_path / "drives").touch()
+    with pytest.raises(BadSetting, match="drives is a file; expected a folder"):
+        import_drive(ImportRequest(tmp_path, tmp_path / "drives", "drive"), lambda *_: None)

@@ -17,7 +17,7 @@ from upvl_cli.datasets.shared.content import read_json, read_text
 from upvl_cli.datasets.shared.motion_compensation import compensate
 from upvl_cli.datasets.shared.numbered_files import describe_files, numbered_files
 from upvl_cli.datasets.shared.numbers import numbers
-from upvl_cli.datasets.shared.paths import inside, unknown_segment
+from upvl_cli.datasets.shared.paths import check_segment_name, inside, unknown_segment
 from upvl_cli.datasets.shared.pictures import picture_size, read_picture
 from upvl_cli.datasets.shared.poses import check_pose, quaternion_rotation
 from upvl_cli.datasets.shared.road_height import road_height_m
@@ -70,6 +70,13 @@ def test_an_unknown_segment_is_told_the_nearest(tmp_path: Path) -> None:
     message = str(unknown_segment(tmp_path, "scene-003", known))
     assert "of its 20 segments the nearest are " in message and "scene-0003" in message
     assert "the first is scene-0000" in str(unknown_segment(tmp_path, "?", known))
+
+
+@pytest.mark.parametrize("name", ["-", "-x", ".hid", "..", ".", "", "a b", "a/b", "ä", "a\n", "x" * 201])
+def test_names_that_no_drive_has(name: str) -> None:
+    assert check_segment_name("_a-1.b", "here") == "_a-1.b"
+    with pytest.raises(BadInput, match="rename it"):
+        check_segment_name(name, "here")
 
 
 @pytest.mark.parametrize("text", ["1 2", "1 2 3 4", "1 2 x", "1 2 nan", "1 2 inf", ""])

@@ -80,8 +80,8 @@ def open_source(source: Path) -> RosSource:
         BadInput: It is damaged.
     """
     try:
-        import mcap
-        import rosbags
+        import mcap.reader
+        import rosbags.typesys
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]
         raise BadSetting(

@@ -85,20 +85,20 @@ def check_free(path: Path) -> None:
 
 
 def write_points(
-    path: Path, recording: Recording, conversion: Conversion, fingerprint: str, metadata: Mapping[str, str],
-    on_sweep: Callable[[int], None],
+    path: Path, folder: Path, recording: Recording, conversion: Conversion, fingerprint: str,
+    metadata: Mapping[str, str], on_sweep: Callable[[int], None],
 ) -> ImportCounts:  # fmt: skip
     """Write the sweeps of a recording, and return what was done.
 
     Args:
         path: The table.
+        folder: Where its parts are kept until it is whole.
         recording: What is imported.
         conversion: Its units.
         fingerprint: Of the files and settings: parts of another one are not used.
         metadata: Texts for the footer.
         on_sweep: Called with how many more sweeps are done.
     """
-    folder = path.with_name(f".{path.stem}.parts")
     schema = points_schema(conversion.columns)
     counts, parts = _parts(folder, fingerprint)
     on_sweep(counts.next)

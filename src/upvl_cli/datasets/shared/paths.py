@@ -11,7 +11,7 @@ from pathlib import Path
 from upvl_cli.datasets.shared.content import unreadable
 from upvl_cli.errors import BadInput
 
-SEGMENT_NAME = re.compile(r"(?!\.{1,2}$)[A-Za-z0-9._-]{1,200}")
+SEGMENT_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,199}")
 _MAX_NAMES = 10
 
 
@@ -40,7 +40,8 @@ def check_segment_name(name: str, where: object) -> str:
     """Return the name of a segment; raises `BadInput` where a file cannot be called so."""
     if not SEGMENT_NAME.fullmatch(name):
         raise BadInput(
-            f"{where}: a drive's name holds letters, digits, '.', '_', '-' only, found {name[:80]!r}; rename it"
+            f"{where}: a drive's name holds letters, digits, '.', '_', '-' only, and begins with a letter, a digit "
+            f"or '_', found {name[:80]!r}; rename it"
         )
     return name
 
