@@ -49,3 +49,31 @@ def apply_damage(root: Path, damage: tuple[Any, ...]) -> None:
                 "repeat": old[:place] + old[place : place + 40] + old[place:],
             }[kind]
         )
+
+
+def damage_bytes(data: st.DataObject, path: Path, others: list[Path]) -> None:
+    """Damage one file in a way that hypothesis draws.
+
+    Args:
+        data: Where choices are drawn from.
+        path: The file.
+        others: Files of which one can take its place.
+    """
+    content = bytearray(path.read_bytes())
+    how = data.draw(st.sampled_from(["cut", "flip", "remove", "empty", "swap", "folder", "noise"]))
+    if how == "cut":
+        path.write_bytes(content[: data.draw(st.integers(0, len(content)))])
+    elif how == "flip":
+        for _ in range(data.draw(st.integers(1, 8))):
+            content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
+        path.write_bytes(content)
+    elif how == "empty":
+        path.write_bytes(b"")
+    elif how == "swap":
+        shutil.copy(data.draw(st.sampled_from(others)), path)
+    elif how == "noise":
+        path.write_bytes(data.draw(st.binary(max_size=200)))
+    else:
+        path.unlink()
+        if how == "folder":
+            path.mkdir()

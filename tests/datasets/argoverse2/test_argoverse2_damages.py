@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from datasets.argoverse2.av2_log import write_log
 from datasets.contract import read_everything
+from datasets.damages import damage_bytes
 from upvl_cli.datasets.argoverse2.dataset import Argoverse2
 from upvl_cli.datasets.argoverse2.labels import ArgoverseLabels
 from upvl_cli.errors import BadInput
@@ -60,25 +61,7 @@ def test_damaged_bytes(data: st.DataObject) -> None:
     with tempfile.TemporaryDirectory() as name:
         root = Path(name) / "copy"
         shutil.copytree(WHOLE, root)
-        path = data.draw(st.sampled_from(files(root)))
-        content = bytearray(path.read_bytes())
-        how = data.draw(st.sampled_from(["cut", "flip", "remove", "empty", "swap", "folder", "noise"]))
-        if how == "cut":
-            path.write_bytes(content[: data.draw(st.integers(0, len(content)))])
-        elif how == "flip":
-            for _ in range(data.draw(st.integers(1, 8))):
-                content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
-            path.write_bytes(content)
-        elif how == "empty":
-            path.write_bytes(b"")
-        elif how == "swap":
-            shutil.copy(data.draw(st.sampled_from(files(WHOLE))), path)
-        elif how == "noise":
-            path.write_bytes(data.draw(st.binary(max_size=200)))
-        else:
-            path.unlink()
-            if how == "folder":
-                path.mkdir()
+        damage_bytes(data, data.draw(st.sampled_from(files(root))), files(WHOLE))
         read_all(root)
 
 

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from datasets.contract import read_everything
+from datasets.damages import damage_bytes
 from datasets.nuscenes.nuscenes_tables import write_lyft, write_nuscenes, write_t4
 from upvl_cli.datasets.nuscenes.dataset import NuScenes
 from upvl_cli.datasets.nuscenes.labels import NuScenesLabels
@@ -51,25 +52,7 @@ def read_all(root: Path) -> None:
 def test_damaged_bytes(data: st.DataObject) -> None:
     with tempfile.TemporaryDirectory() as name:
         root = copy(data, name)
-        path = data.draw(st.sampled_from(files(root)))
-        content = bytearray(path.read_bytes())
-        how = data.draw(st.sampled_from(["cut", "flip", "remove", "empty", "swap", "folder", "noise"]))
-        if how == "cut":
-            path.write_bytes(content[: data.draw(st.integers(0, len(content)))])
-        elif how == "flip":
-            for _ in range(data.draw(st.integers(1, 8))):
-                content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
-            path.write_bytes(content)
-        elif how == "empty":
-            path.write_bytes(b"")
-        elif how == "swap":
-            shutil.copy(data.draw(st.sampled_from(files(WHOLE))), path)
-        elif how == "noise":
-            path.write_bytes(data.draw(st.binary(max_size=200)))
-        else:
-            path.unlink()
-            if how == "folder":
-                path.mkdir()
+        damage_bytes(data, data.draw(st.sampled_from(files(root))), files(WHOLE))
         read_all(root)
 
 

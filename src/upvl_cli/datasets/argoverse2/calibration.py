@@ -47,15 +47,15 @@ def read_cameras(folder: Path) -> dict[str, Camera]:
     cameras = {}
     for row, name in enumerate(names):
         if name not in mounted:
-            raise BadInput(f"{mounts} has no row of {name}, which {intrinsics.name} has; copy both again")
+            raise BadInput(f"{mounts} has no row of {name!r}, which {intrinsics.name} has; copy both again")
         fx, fy, cx, cy = pixels[row].tolist()
         width, height = sizes[row].tolist()
         if not (0 < fx <= _MAX_PX and 0 < fy <= _MAX_PX and abs(cx) <= _MAX_PX and abs(cy) <= _MAX_PX):
             raise BadInput(
-                f"{intrinsics}: {name} has fx {fx:g}, fy {fy:g}, cx {cx:g}, cy {cy:g}; copy it again"
+                f"{intrinsics}: {name!r} has fx {fx:g}, fy {fy:g}, cx {cx:g}, cy {cy:g}; copy it again"
             )
         if not (0 < width <= _MAX_PX and 0 < height <= _MAX_PX):
-            raise BadInput(f"{intrinsics}: {name} has {width} x {height} pixels; copy it again")
+            raise BadInput(f"{intrinsics}: {name!r} has {width} x {height} pixels; copy it again")
         cameras[name] = Camera(
             name=name,
             width_px=width,

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import threading
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ from upvl_cli.datasets.argoverse2.ground_height import (
 )
 from upvl_cli.datasets.argoverse2.poses import CityTrajectory, poses_at, read_trajectory
 from upvl_cli.datasets.argoverse2.sweep import read_sweep
+from upvl_cli.datasets.shared.lookup import camera_of_name, of_frame
 from upvl_cli.datasets.shared.numbered_files import describe_files, numbered_files
 from upvl_cli.datasets.shared.paths import find
 from upvl_cli.datasets.shared.pictures import SUFFIXES, check_picture_size, read_picture
@@ -71,12 +72,10 @@ class ArgoverseDrive:
     files: tuple[Path, ...]
     ground_z_m: float = -_AXLE_HEIGHT_M
     skipped_points: dict[int, Mapping[str, int]] = field(default_factory=dict)
-    _heights: list[GroundHeights] = field(default_factory=list)
-    _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def points(self, frame: int) -> Points:
         """Return the sweep of a frame; raises `BadInput` where there is no such frame or its file is damaged."""
-        points, self.skipped_points[frame] = read_sweep(self.sweeps[self._known(frame)])
+        points, self.skipped_points[frame] = read_sweep(of_frame(self.name, self.sweeps, frame))
         return points
 
     def image(self, frame: int, camera: str) -> Image | None:
@@ -85,12 +84,9 @@ class ArgoverseDrive:
         Raises:
             BadInput: There is no such frame or camera, or the file is damaged.
         """
-        found = next((known for known in self.cameras if known.name == camera), None)
-        if found is None:
-            raise BadInput(
-                f"{self.name} has no camera {camera!r}; it has {', '.join(self.pictures) or 'none'}"
-            )
-        if self._known(frame) not in self.pictures[camera]:
+        found = camera_of_name(self.name, self.cameras, camera)
+        of_frame(self.name, self.sweeps, frame)
+        if frame not in self.pictures[camera]:
             return None
         time_ns, path = self.pictures[camera][frame]
         return Image(read_picture(path, found.width_px, found.height_px, path), time_ns)
@@ -105,27 +101,21 @@ class ArgoverseDrive:
         Raises:
             BadInput: The log has no ground heights or no poses.
         """
-        self._known(frame)
-        if self.height_paths is None or self.world_from_ego is None:
-            what = (
-                "ground heights (map/*_ground_height_surface____*.npy)"
-                if self.height_paths is None
-                else POSES
-            )
-            raise BadInput(f'{self.folder} has no {what}; copy it, or set method = "estimate" in ground.toml')
-        with self._lock:
-            if not self._heights:
-                self._heights.append(read_heights(*self.height_paths))
+        of_frame(self.name, self.sweeps, frame)
+        heights = self._heights
+        if self.world_from_ego is None:
+            raise self._without_ground(POSES)
         step = [known.index for known in self.frames].index(frame)
-        return ground_z_ego(self._heights[0], self.world_from_ego[step], xyz_ego_m)
+        return ground_z_ego(heights, self.world_from_ego[step], xyz_ego_m)
 
-    def _known(self, frame: int) -> int:
-        if frame not in self.sweeps:
-            raise BadInput(
-                f"{self.name} has no frame {frame}; it has {len(self.sweeps)} between {min(self.sweeps)} "
-                f"and {max(self.sweeps)}"
-            )
-        return frame
+    @cached_property
+    def _heights(self) -> GroundHeights:
+        if self.height_paths is None:
+            raise self._without_ground("ground heights (map/*_ground_height_surface____*.npy)")
+        return read_heights(*self.height_paths)
+
+    def _without_ground(self, what: str) -> BadInput:
+        return BadInput(f'{self.folder} has no {what}; copy it, or set method = "estimate" in ground.toml')
 
 
 def open_drive(folder: Path) -> ArgoverseDrive:

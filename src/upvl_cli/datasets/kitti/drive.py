@@ -19,6 +19,7 @@ from upvl_cli.datasets.kitti import twist as kitti_twist
 from upvl_cli.datasets.kitti.calibration import Calibration
 from upvl_cli.datasets.kitti.pictures import Picture
 from upvl_cli.datasets.kitti.sweeps import Vehicle, measure_vehicle, read_sweep, reflectance, without_car
+from upvl_cli.datasets.shared.lookup import camera_of_name, of_frame
 from upvl_cli.datasets.shared.numbered_files import describe_files
 from upvl_cli.datasets.shared.pictures import read_picture
 from upvl_cli.datasets.shared.times import check_frames
@@ -87,10 +88,7 @@ class KittiDrive:
         Raises:
             BadInput: There is no such frame, or its file is damaged.
         """
-        if frame not in self.sweeps:
-            known = f"it has {len(self.sweeps)} between {min(self.sweeps)} and {max(self.sweeps)}"
-            raise BadInput(f"{self.name} has no frame {frame}; {known}")
-        rows, self.skipped_points[frame] = read_sweep(self.sweeps[frame])
+        rows, self.skipped_points[frame] = read_sweep(of_frame(self.name, self.sweeps, frame))
         values = without_car(rows, self.vehicle)
         xyz_ego_m, total = np.ascontiguousarray(values[:, :3]), len(values)
         offset_s = kitti_twist.offsets_s(xyz_ego_m, turn_s=self.turn_s)
@@ -126,11 +124,7 @@ class KittiDrive:
         Raises:
             BadInput: There is no such camera, or the file is damaged.
         """
-        found = next((known for known in self.cameras if known.name == camera), None)
-        if found is None:
-            raise BadInput(
-                f"{self.name} has no camera {camera!r}; it has {', '.join(self.pictures) or 'none'}"
-            )
+        found = camera_of_name(self.name, self.cameras, camera)
         picture = self.pictures[camera].get(frame)
         if picture is None:
             return None

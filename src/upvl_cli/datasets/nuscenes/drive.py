@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import os
-import threading
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,7 @@ from upvl_cli.datasets.nuscenes.ego_points import is_at_lidar, is_on_zoe
 from upvl_cli.datasets.nuscenes.layout import Scene
 from upvl_cli.datasets.nuscenes.pictures import IndexedSweep, pictures_of
 from upvl_cli.datasets.nuscenes.records import Channel, SensorFile, lidar_of, read_channels
+from upvl_cli.datasets.shared.lookup import camera_of_name, of_frame
 from upvl_cli.datasets.shared.pictures import read_picture
 from upvl_cli.datasets.shared.point_files.read import read_points
 from upvl_cli.datasets.shared.road_height import road_height_m
@@ -53,18 +54,13 @@ class NuScenesDrive:
     skipped: Mapping[str, int]
     files: tuple[Path, ...]
     skipped_points: dict[int, Mapping[str, int]] = field(default_factory=dict)
-    _road_m: list[float] = field(default_factory=list)
-    _lock: threading.Lock = field(default_factory=threading.Lock)
 
-    @property
+    @cached_property
     def ground_z_m(self) -> float:
         """Height of the road: 0, where the ego axes of nuScenes and T4 stand; for Lyft measured in the first sweep."""
         if self.kind != "lyft":
             return 0.0
-        with self._lock:
-            if not self._road_m:
-                self._road_m.append(road_height_m(self.points(self.frames[0].index).xyz_ego_m))
-            return self._road_m[0]
+        return road_height_m(self.points(self.frames[0].index).xyz_ego_m)
 
     def points(self, frame: int) -> Points:
         """Return the sweep of a frame without the car itself.
@@ -72,7 +68,7 @@ class NuScenesDrive:
         Raises:
             BadInput: There is no such frame, or its file is damaged.
         """
-        scan = read_points(self.sweeps[self._known(frame)].path, columns=_COLUMNS)
+        scan = read_points(of_frame(self.name, self.sweeps, frame).path, columns=_COLUMNS)
         self.skipped_points[frame] = scan.skipped
         xyz_ego_m = apply(self.ego_from_lidar, scan.xyz_m).astype(np.float32)
         intensity = np.zeros(len(scan)) if scan.intensity is None else scan.intensity
@@ -95,23 +91,12 @@ class NuScenesDrive:
         Raises:
             BadInput: There is no such frame or camera, or the file is damaged.
         """
-        found = next((known for known in self.cameras if known.name == camera), None)
-        if found is None:
-            raise BadInput(
-                f"{self.name} has no camera {camera!r}; it has {', '.join(self.pictures) or 'none'}"
-            )
-        record = self.pictures[camera].get(self._known(frame))
+        found = camera_of_name(self.name, self.cameras, camera)
+        of_frame(self.name, self.sweeps, frame)
+        record = self.pictures[camera].get(frame)
         if record is None:
             return None
         return Image(read_picture(record.path, found.width_px, found.height_px, record.path), record.time_ns)
-
-    def _known(self, frame: int) -> int:
-        if frame not in self.sweeps:
-            raise BadInput(
-                f"{self.name} has no frame {frame}; it has {len(self.sweeps)} between {min(self.sweeps)} "
-                f"and {max(self.sweeps)}"
-            )
-        return frame
 
 
 def open_drive(scene: Scene) -> NuScenesDrive:

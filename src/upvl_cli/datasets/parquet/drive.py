@@ -10,10 +10,10 @@ from pathlib import Path
 
 from upvl_cli.datasets.parquet.cameras import PictureTable, open_pictures, read_cameras
 from upvl_cli.datasets.parquet.points import PointTable, open_points
+from upvl_cli.datasets.shared.lookup import camera_of_name, of_frame
 from upvl_cli.datasets.shared.motion_compensation import compensate
 from upvl_cli.datasets.shared.point_files.scan import NO_RETURN
 from upvl_cli.datasets.shared.road_height import road_height_m
-from upvl_cli.errors import BadInput
 from upvl_cli.types import Array, Camera, Frame, Image, Points
 
 
@@ -58,12 +58,7 @@ class ParquetDrive:
         Raises:
             BadInput: There is no such frame, or its row is damaged.
         """
-        step = self._steps.get(frame)
-        if step is None:
-            first, last = self.frames[0].index, self.frames[-1].index
-            raise BadInput(
-                f"{self.name} has no frame {frame}; it has {len(self.frames)} between {first} and {last}"
-            )
+        step = of_frame(self.name, self._steps, frame)
         points, without_place = self.table.read(step)
         self.skipped_points[frame] = {NO_RETURN: without_place}
         if self.table.is_compensated or self.world_from_ego is None or not points.time_offset_ns.any():
@@ -81,10 +76,7 @@ class ParquetDrive:
         Raises:
             BadInput: There is no such camera, or the picture is damaged.
         """
-        found = next((known for known in self.cameras if known.name == camera), None)
-        if found is None:
-            names = ", ".join(known.name for known in self.cameras) or "none"
-            raise BadInput(f"{self.name} has no camera {camera!r}; it has {names}")
+        found = camera_of_name(self.name, self.cameras, camera)
         return None if self.pictures is None else self.pictures.read(frame, found)
 
     @cached_property

@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from upvl_cli.runtime.atomic import atomic_file
-from upvl_cli.types import Array, Camera, Labels
+from upvl_cli.types import Array, Camera
 
 _FLOATS = pa.list_(pa.float32())
 _MATRIX = pa.list_(pa.float64(), 16)
@@ -33,14 +33,6 @@ IMAGES = pa.schema(
     [("frame", pa.int32()), ("camera", pa.string()), ("time_ns", pa.int64()), ("data", pa.binary())]
 )
 _BOX = ("center_x_m", "center_y_m", "center_z_m", "length_m", "width_m", "height_m", "heading_rad")
-LABELS = pa.schema(
-    [
-        ("frame", pa.int32()),
-        ("track_id", pa.string()),
-        ("class", pa.string()),
-        *((name, pa.float64()) for name in _BOX),
-    ]
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,14 +136,6 @@ def write_cameras(path: Path, cameras: Iterable[Camera], metadata: Mapping[str, 
                 _matrix(camera.ego_from_camera),
             ]  # fmt: skip
             writer.write_table(_table([[value] for value in row], CAMERAS))
-
-
-def write_labels(path: Path, labels: Labels, metadata: Mapping[str, str]) -> None:
-    """Write `labels`: one row a box. Only `upvl eval` opens them."""
-    rows = labels.to_rows()
-    columns = [labels.frame, labels.object_id, labels.class_name, *(rows[:, place] for place in range(7))]
-    with table_writer(path, LABELS, metadata) as writer:
-        writer.write_table(_table([column.tolist() for column in columns], LABELS))
 
 
 def _table(columns: Iterable[list[Any]], schema: pa.Schema) -> pa.Table:

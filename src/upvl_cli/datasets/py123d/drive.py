@@ -14,6 +14,7 @@ from py123d.datatypes import ModalityType
 from upvl_cli.datasets.py123d.cameras import check_first_picture, read_camera, read_image
 from upvl_cli.datasets.py123d.library import ArrowLog, library_errors, open_log, pose_matrices
 from upvl_cli.datasets.py123d.points import CarOutline, car_outline, read_sweep
+from upvl_cli.datasets.shared.lookup import camera_of_name, of_frame
 from upvl_cli.datasets.shared.road_height import road_height_m
 from upvl_cli.datasets.shared.times import check_frames
 from upvl_cli.errors import BadInput
@@ -67,20 +68,11 @@ class Py123dDrive:
         Raises:
             BadInput: There is no such camera or frame, or the picture is damaged.
         """
-        found = next((known for known in self.cameras if known.name == camera), None)
-        if found is None:
-            names = ", ".join(known.name for known in self.cameras) or "none"
-            raise BadInput(f"{self.name} has no camera {camera!r}; it has {names}")
+        found = camera_of_name(self.name, self.cameras, camera)
         return read_image(self.log, self._frame(frame).index, found)
 
     def _frame(self, index: int) -> Frame:
-        frame = self._frame_by_index.get(index)
-        if frame is None:
-            first, last = self.frames[0].index, self.frames[-1].index
-            raise BadInput(
-                f"{self.name} has no frame {index}; it has {len(self.frames)} between {first} and {last}"
-            )
-        return frame
+        return of_frame(self.name, self._frame_by_index, index)
 
     @cached_property
     def _frame_by_index(self) -> dict[int, Frame]:

@@ -163,9 +163,7 @@ def is_list(kind: pa.DataType) -> bool:
     return bool(listed and (pa.types.is_integer(kind.value_type) or pa.types.is_floating(kind.value_type)))
 
 
-def list_cell(
-    column: pa.ChunkedArray, row: int, dtype: str, where: object, *, shown_row: int | None = None
-) -> Array:
+def list_cell(column: pa.ChunkedArray, row: int, dtype: str, where: object) -> Array:
     """Return the numbers of one cell of a column of lists.
 
     Args:
@@ -173,22 +171,20 @@ def list_cell(
         row: Number of the row.
         dtype: The type to cast to.
         where: The file and the column, for the message.
-        shown_row: Number of the row in the file, where the column is a part of it.
 
     Raises:
         BadInput: The cell is empty (null), has nulls inside, or holds no such numbers.
     """
     if not is_list(column.type):
         raise BadInput(f"{where} is of type {column.type}, expected lists of {dtype}")
-    shown_row = row if shown_row is None else shown_row
-    with arrow_errors(f"{where}, row {shown_row}"):
+    with arrow_errors(f"{where}, row {row}"):
         cell = column[row]
         if not cell.is_valid:
-            raise BadInput(f"{where}, row {shown_row} is empty (null), expected a list of {dtype}")
+            raise BadInput(f"{where}, row {row} is empty (null), expected a list of {dtype}")
         numbers = cell.values
         if numbers.null_count:
             raise BadInput(
-                f"{where}, row {shown_row} has {numbers.null_count} empty numbers, expected {dtype} in each"
+                f"{where}, row {row} has {numbers.null_count} empty numbers, expected {dtype} in each"
             )
         return np.asarray(numbers.cast(pa.from_numpy_dtype(np.dtype(dtype))).to_numpy(zero_copy_only=False))
 

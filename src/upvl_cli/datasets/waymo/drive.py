@@ -13,6 +13,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from upvl_cli.datasets.shared.lookup import camera_of_name, of_frame
 from upvl_cli.datasets.shared.pictures import read_picture
 from upvl_cli.datasets.shared.times import check_frames
 from upvl_cli.datasets.waymo.names import CAMERAS
@@ -73,12 +74,7 @@ class WaymoDrive:
         self._lock = threading.Lock()
 
     def _timestamp_us(self, frame: int) -> int:
-        if frame not in self.timestamps_us:
-            raise BadInput(
-                f"{self.name} has no frame {frame}; it has {len(self.frames)} between {self.frames[0].index} and "
-                f"{self.frames[-1].index}"
-            )
-        return self.timestamps_us[frame]
+        return of_frame(self.name, self.timestamps_us, frame)
 
     def _images(self, frame: int) -> Iterator[LaserImage]:
         """Return the range images of a frame, of calibrated lasers."""
@@ -207,11 +203,8 @@ class WaymoDrive:
         return pixels
 
     def _camera_number(self, camera: str) -> int:
-        for number, known in self.source.cameras.items():
-            if known.name == camera:
-                return number
-        known_names = ", ".join(known.name for known in self.cameras) or "none"
-        raise BadInput(f"{self.name} has no camera {camera!r}; it has {known_names}")
+        found = camera_of_name(self.name, self.cameras, camera)
+        return next(number for number, known in self.source.cameras.items() if known is found)
 
     def image(self, frame: int, camera: str) -> Image | None:
         """Return the picture of a camera, at the time of its pose, or None where it is missing.

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import IO
 
 from upvl_cli.datasets.shared.content import unreadable
-from upvl_cli.datasets.waymo.wire import BYTES, FIXED32, FIXED64, VARINT, read_varint
+from upvl_cli.datasets.shared.thrift import read_varint
+from upvl_cli.datasets.waymo.wire import BYTES, FIXED32, FIXED64, VARINT
 from upvl_cli.errors import BadInput
 
 _HEADER_BYTES = 12  # the length of the record, and its checksum

@@ -6,30 +6,11 @@ import struct
 
 import numpy as np
 
+from upvl_cli.datasets.shared.thrift import read_varint
 from upvl_cli.errors import BadInput
 from upvl_cli.types import Array, Ints
 
 VARINT, FIXED64, BYTES, FIXED32 = 0, 1, 2, 5
-_MAX_SHIFT = 63
-
-
-def read_varint(content: bytes | memoryview, position: int) -> tuple[int, int]:
-    """Return a number and the position after it.
-
-    Raises:
-        IndexError: The bytes end too early.
-        ValueError: The number has more than 64 bits.
-    """
-    value, shift = 0, 0
-    while True:
-        byte = content[position]
-        position += 1
-        value |= (byte & 127) << shift
-        if byte < 128:
-            return value, position
-        shift += 7
-        if shift > _MAX_SHIFT:
-            raise ValueError("a number has more than 64 bits")
 
 
 class Message:
