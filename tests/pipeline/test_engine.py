@@ -119,7 +119,7 @@ def no_model(name: str) -> Any:
     raise BadSetting(f"unknown model {name!r}")
 
 
-TOY = Pipeline((DOUBLE, BOX, TOTAL), ("double", "box"), family_of, no_model)
+TOY = Pipeline((DOUBLE, BOX, TOTAL), ("double", "box"), family_of, no_model, lambda drive, config: drive)
 
 
 @pytest.fixture

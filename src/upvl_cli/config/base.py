@@ -1,13 +1,14 @@
 """Settings: frozen dataclasses whose fields carry a meaning, a unit and a range, and whose values stand in TOML.
 
-`setting` gives no default on purpose: a value lives in `stages/<stage>.toml` alone. pydantic checks the values
+A value lives in `stages/<stage>.toml` alone; only a correction, which most workspaces have none of, has a default
+here, and may be left out there. pydantic checks the values
 (`config.toml`); it is imported only when a file is read, so that `upvl --help` stays quick.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import MISSING, asdict, dataclass, field, fields
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 
@@ -28,6 +29,7 @@ def setting(
     ge: float | None = None,
     le: float | None = None,
     effects: Mapping[str, str] | None = None,
+    default: Any = MISSING,
 ) -> Any:
     """Declare one setting; its value stands in the TOML file.
 
@@ -38,14 +40,21 @@ def setting(
         ge: The value is this or more.
         le: The value is this or less.
         effects: For a `Literal` of texts, what each choice does.
+        default: The value where the TOML file has none; without it the key must be there.
     """
     bounds = {"gt": gt, "ge": ge, "le": le}
-    return field(metadata={"meaning": meaning, "unit": unit, **bounds, "effects": dict(effects or {})})
+    metadata = {"meaning": meaning, "unit": unit, **bounds, "effects": dict(effects or {})}
+    return field(metadata=metadata, default=default)
 
 
-def table(meaning: str) -> Any:
-    """Declare a nested table of settings, `[name]` in the TOML file, whose type is a `Config`."""
-    return field(metadata={"meaning": meaning})
+def table(meaning: str, default: Any = MISSING) -> Any:
+    """Declare a nested table of settings, `[name]` in the TOML file, whose type is a `Config`.
+
+    Args:
+        meaning: What the table holds.
+        default: The settings where the TOML file has no such table; without it the table must be there.
+    """
+    return field(metadata={"meaning": meaning}, default=default)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import json
 import reprlib
 import tomllib
 from collections.abc import Iterator, Mapping
-from dataclasses import fields
+from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
@@ -92,15 +92,18 @@ def _model_of(config: type[Config]) -> type[BaseModel]:
     for spec in fields(config):
         kind = hints[spec.name]
         if isinstance(kind, type) and issubclass(kind, Config):
-            parts[spec.name] = (_model_of(kind), ...)
+            # Where the table is left out, so are its keys: each must have a default then.
+            inner = _model_of(kind)
+            parts[spec.name] = (inner, ... if spec.default is MISSING else Field(default_factory=inner))
             continue
+        default = ... if spec.default is MISSING else spec.default
         bounds = Field(**{name: spec.metadata[name] for name in ("gt", "ge", "le")}, allow_inf_nan=False)
         if get_origin(kind) is tuple:
             item: Any = get_args(kind)[0]
             item = Annotated[item, bounds] if item is not str else item
-            parts[spec.name] = (tuple[item, ...], ...)
+            parts[spec.name] = (tuple[item, ...], default)
         else:
-            parts[spec.name] = (Annotated[kind, bounds] if kind in (int, float) else kind, ...)
+            parts[spec.name] = (Annotated[kind, bounds] if kind in (int, float) else kind, default)
     return create_model(config.__name__, __config__=ConfigDict(extra="forbid", strict=True), **parts)
 
 

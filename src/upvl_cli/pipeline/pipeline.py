@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from upvl_cli.config.base import Config
+from upvl_cli.config.corrections import CorrectionsConfig
 from upvl_cli.pipeline.stage import Stage
 
 if TYPE_CHECKING:
-    from upvl_cli.types import Dataset, Model
+    from upvl_cli.types import Dataset, Drive, Model
 
 AnyStage = Stage[Any, Any]
 
@@ -54,12 +55,14 @@ class Pipeline:
         labelling: Names of the stages that make labels; the others learn from labels.
         dataset: The adapter of a name in `raw.toml`; raises `BadSetting` for an unknown one.
         model: The adapter and the weights of a value in `vlm.toml`; raises `BadSetting` for an unknown one.
+        correct: The drive with the corrections of `raw.toml`; raises `BadSetting` for one that makes no sense.
     """
 
     stages: tuple[AnyStage, ...]
     labelling: tuple[str, ...]
     dataset: Callable[[str], DatasetAdapter]
     model: Callable[[str], tuple[ModelAdapter, str]]
+    correct: Callable[[Drive, CorrectionsConfig], Drive]
 
     @cached_property
     def by_name(self) -> Mapping[str, AnyStage]:

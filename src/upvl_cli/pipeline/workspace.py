@@ -13,7 +13,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from upvl_cli.config.base import Config, setting
+from upvl_cli.config.base import Config, setting, table
+from upvl_cli.config.corrections import CorrectionsConfig
 from upvl_cli.config.toml import load, merge, read_toml
 from upvl_cli.errors import BadInput, BadSetting
 from upvl_cli.pipeline.fingerprint import Fingerprint, fingerprint
@@ -37,6 +38,9 @@ class RawConfig(Config):
     dataset: str = setting("name of the dataset adapter: how the drives are stored")
     root: str = setting("folder of the drives, seen from where upvl is run; the dataset synthetic has none")
     segments: tuple[str, ...] = setting("names of the drives to process; an empty list takes all of them")
+    corrections: CorrectionsConfig = table(
+        "what is wrong in what the drives say of themselves", CorrectionsConfig()
+    )
 
 
 @dataclass(frozen=True)
@@ -124,7 +128,8 @@ class Workspace:
         """Return the opened drive; only the last one stays open."""
         if segment not in self._drives:
             self.check_name(segment, self.segments)
-            self._drives = {segment: self.dataset.open(segment)}
+            drive = self.dataset.open(segment)
+            self._drives = {segment: self.pipeline.correct(drive, self.raw.corrections)}
         return self._drives[segment]
 
     def settings(self, stage: Stage[C, Any]) -> C:
@@ -250,7 +255,9 @@ class Workspace:
     def _adapter(self) -> dict[str, Any]:
         adapter: dict[str, Any] = {"dataset": self.raw.dataset, "version": self.dataset.version}
         own = dict(self.dataset.fingerprint_values)
-        return adapter | ({"values": own} if own else {})
+        adapter |= {"values": own} if own else {}
+        corrections = self.raw.corrections
+        return adapter | ({} if corrections == CorrectionsConfig() else {"corrections": corrections.values()})
 
     @cached_property
     def model_stamp(self) -> dict[str, Any]:

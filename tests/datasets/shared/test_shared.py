@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 from datasets.contract import assert_one_line
 from upvl_cli.datasets.shared.class_types import type_of_class
 from upvl_cli.datasets.shared.content import read_json, read_text
-from upvl_cli.datasets.shared.motion_compensation import compensate
 from upvl_cli.datasets.shared.numbered_files import describe_files, numbered_files
 from upvl_cli.datasets.shared.numbers import numbers
 from upvl_cli.datasets.shared.paths import check_segment_name, inside, unknown_segment
@@ -23,6 +22,7 @@ from upvl_cli.datasets.shared.poses import check_pose, quaternion_rotation
 from upvl_cli.datasets.shared.road_height import road_height_m
 from upvl_cli.datasets.shared.times import check_frames
 from upvl_cli.errors import BadInput
+from upvl_cli.geometry.motion_compensation import compensate
 from upvl_cli.geometry.path import pose_at
 from upvl_cli.geometry.se3 import apply, from_yaw, inverse
 from upvl_cli.types import Frame
