@@ -19,11 +19,11 @@ endif
 $(OUT)/rules.mk: FORCE
 	@$(UPVL) plan
 
-pipeline: autolabel detect
-	@$(UPVL) summary
+pipeline: $(LABELLING) detect
 	@echo "pictures:"
 	@$(UPVL) draw
 	@$(UPVL) query car --on labels || true  # drives without pictures have no features to ask: it says so
+	@$(UPVL) summary
 
 .PHONY: clean
 clean:

@@ -15,6 +15,10 @@ class BadSetting(UpvlError):
     """A value in `stages/*.toml` or on the command line is unknown, misspelled or out of range."""
 
 
+class OutOfMemory(UpvlError):
+    """A stage needs more memory than there is."""
+
+
 class NotMade(UpvlError):
     """A shard that is needed has not been made, or was made with other settings."""
 

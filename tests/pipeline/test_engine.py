@@ -181,7 +181,7 @@ def test_make_gets_rules_for_them(workspace: Workspace) -> None:
     text = rules(TOY, workspace.segments, {"total": ("a", "b")})
     assert "$(OUT)/box/%.parquet: $(OUT)/box.stamp $(OUT)/double/%.parquet\n" in text
     assert "$(OUT)/total/all.parquet: $(OUT)/total.stamp $(OUT)/box/a.parquet $(OUT)/box/b.parquet\n" in text
-    assert "autolabel: double box\n" in text
+    assert "LABELLING := double box\n.PHONY: autolabel\nautolabel: $(LABELLING)\n\t@$(UPVL) summary\n" in text
 
 
 def test_an_unknown_dataset_is_one_clear_error(workspace: Workspace) -> None:

@@ -14,6 +14,9 @@ from upvl_cli.cli import labels
 from upvl_cli.cli import import_
 
 # isort: split
+from upvl_cli.cli import check
+
+# isort: split
 from upvl_cli.cli import stages
 
 # isort: split
@@ -27,7 +30,7 @@ from upvl_cli.cli import evaluate, train
 from upvl_cli.cli.application import app
 from upvl_cli.errors import UpvlError, one_line
 
-COMMANDS = (labels, import_, stages, query, draw, evaluate, train)
+COMMANDS = (labels, import_, check, stages, query, draw, evaluate, train)
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -41,6 +44,11 @@ def run(arguments: Sequence[str]) -> int:
         return app(list(arguments) or ["--help"], prog_name="upvl", standalone_mode=False) or 0
     except UpvlError as error:
         print(f"upvl: {one_line(error)}", file=sys.stderr)
+    except MemoryError:
+        print(
+            f"upvl: {arguments[0]} ran out of memory; close other programs, or ask for fewer drives at once",
+            file=sys.stderr,
+        )
     except TyperException as error:
         context = getattr(error, "ctx", None)
         path = context.command_path if context else "upvl"

@@ -7,7 +7,6 @@ from typing import Annotated
 import typer
 
 from upvl_cli.cli.application import OneFrame, OneSegment, app
-from upvl_cli.errors import BadInput
 from upvl_cli.pipeline.workspace import Workspace
 
 
@@ -43,23 +42,6 @@ def fit_threshold(context: typer.Context) -> None:
 
     for line in fit_background_threshold(context.obj):
         print(line)
-
-
-@app.command("check")
-def check_drive(context: typer.Context, segment: OneSegment = None) -> None:
-    """Look for faults of a drive before it is labelled: its times, its pictures, the calibration of its cameras."""
-    from upvl_cli.commands.check import check
-
-    workspace: Workspace = context.obj
-    faulty = []
-    for name in workspace.segments if segment is None else [segment]:
-        workspace.check_name(name, workspace.segments)
-        print(name)
-        for finding in check(workspace, name):
-            print(f"  {'FAULT ' if finding.faulty else ''}{finding}")
-            faulty += [f"{name}: {finding}"] if finding.faulty else []
-    if faulty:
-        raise BadInput(f"{len(faulty)} faults found, the first: {faulty[0]}")
 
 
 synth = typer.Typer(no_args_is_help=True, help="Look at the built-in drives, which are made up.")

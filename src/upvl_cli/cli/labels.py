@@ -8,8 +8,10 @@ from typing import Annotated
 import typer
 
 from upvl_cli.cli.application import Segments, Workers, app
+from upvl_cli.cli.check import Anyway, check_first
 from upvl_cli.cli.run import run_stages
 from upvl_cli.errors import BadSetting
+from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.stages import STAGES
 
 MOVING_ONLY = "moving-only"  # the preset of those labels
@@ -24,8 +26,9 @@ def autolabel(
     ] = None,
     segment: Segments = None,
     workers: Workers = 1,
+    anyway: Anyway = False,
 ) -> None:
-    """Label the drives: all stages that make labels in order, then a summary."""
+    """Check the drives quickly, then label them: all stages that make labels in order, then a summary."""
     if moving_only is None:
         raise BadSetting("say which objects to label: upvl autolabel --moving-only, or --all-motion")
     from upvl_cli.pipeline.presets import with_preset
@@ -33,18 +36,24 @@ def autolabel(
     context.obj = with_preset(
         context.obj, MOVING_ONLY if moving_only else "", context.obj.pipeline.labelling_stages
     )
+    check_first(context.obj, segment, anyway=anyway)
     run_stages(context.obj, context.obj.pipeline.labelling_stages, segment, workers=workers, overrides={})
     summary(context, segment)
 
 
 @app.command()
 def summary(context: typer.Context, segment: Segments = None) -> None:
-    """Tell what the auto labels hold and what was dropped, and why."""
+    """Tell what the auto labels hold, what was dropped and why, and what of it is suspicious."""
     from upvl_cli.commands.summary import lines
+    from upvl_cli.commands.verdict import verdict
 
     for name in segment or ():
         context.obj.check_name(name, context.obj.segments)
-    for line in lines(context.obj, segment or ()):
+    workspace: Workspace = context.obj
+    for line in lines(workspace, segment or ()):
+        print(line)
+    labelled = [name for name in segment or workspace.segments if workspace.shard("labels", name).exists()]
+    for line in verdict(workspace, labelled) if labelled else ():
         print(line)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from upvl_cli.pipeline.pipeline import AnyStage, Pipeline
-from upvl_cli.pipeline.stage import WHOLE_DATASET
+from upvl_cli.pipeline.stage import NOT_MADE, WHOLE_DATASET
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.runtime.atomic import write_if_changed
 
@@ -37,12 +37,20 @@ def rules(pipeline: Pipeline, segments: Sequence[str], drives: Mapping[str, Sequ
         drives: For each stage of the whole dataset the drives that it is made from.
     """
     lines = ["# Made by: upvl plan", f"SEGMENTS := {' '.join(segments)}", ""]
+    # A drive with a fault is not labelled; make ANYWAY=--anyway labels it all the same.
+    lines += ["$(OUT)/check/%.ok: $(OUT)/raw/%.stamp", "\t@$(UPVL) check --quick $(ANYWAY) $*", ""]
     for stage in pipeline.stages:
         lines += [f".PHONY: {stage.name}", *_rule(stage, drives), ""]
     # Shards of middle stages are what a resumed run starts from: make must delete none, nor any on Ctrl-C.
     shards = " ".join(f"$(OUT)/{stage.name}/%.parquet" for stage in pipeline.stages)
     labelling = " ".join(stage.name for stage in pipeline.labelling_stages)
-    lines += [".PHONY: autolabel", f"autolabel: {labelling}", ".SECONDARY:", f".PRECIOUS: {shards}", ""]
+    lines += [
+        f"LABELLING := {labelling}",
+        ".PHONY: autolabel",
+        "autolabel: $(LABELLING)",
+        "\t@$(UPVL) summary",
+    ]
+    lines += [".SECONDARY:", f".PRECIOUS: {shards}", ""]
     return "\n".join(lines)
 
 
@@ -62,6 +70,8 @@ def _rule(stage: AnyStage, drives: Mapping[str, Sequence[str]]) -> list[str]:
         )
 
     made_from = " ".join([f"$(OUT)/{stage.name}.stamp", *map(source, stage.reads)])
+    if set(stage.reads) <= set(NOT_MADE) and not stage.is_of_dataset:
+        made_from += " | $(OUT)/check/%.ok"  # the order alone: what was found does not make a shard stale
     if stage.is_of_dataset:
         shard = f"$(OUT)/{stage.name}/{WHOLE_DATASET}.parquet"
         return [f"{stage.name}: {shard}", f"{shard}: {made_from}", f"\t@$(UPVL) {stage.name}"]

@@ -17,7 +17,7 @@ from itertools import groupby
 from pathlib import Path
 
 from upvl_cli.config.base import Config
-from upvl_cli.errors import BadSetting, NotMade, UpvlError
+from upvl_cli.errors import BadSetting, NotMade, OutOfMemory, UpvlError
 from upvl_cli.pipeline.inputs import ShardInputs
 from upvl_cli.pipeline.pipeline import AnyStage, Pipeline
 from upvl_cli.pipeline.provenance import difference, is_of_settings
@@ -111,14 +111,21 @@ def make_shard(workspace: Workspace, stage: AnyStage, segment: str, settings: Co
     inputs = ShardInputs(workspace, stage, segment, settings, tick)
     if os.environ.get("RANK", "0") != "0":
         return _helped(stage, inputs, settings)
-    rows = write(
-        path,
-        stage.row,
-        _checked(stage.run(inputs, settings), segment, tick),
-        stamp=workspace.shard_stamp(stage, segment, settings),
-        counts=inputs.counts,
-        needed=is_stale,
-    )
+    run = _CheckedRows(stage.run(inputs, settings), segment, tick)
+    try:
+        rows = write(
+            path,
+            stage.row,
+            iter(run),
+            stamp=workspace.shard_stamp(stage, segment, settings),
+            counts=inputs.counts,
+            needed=is_stale,
+        )
+    except MemoryError as error:
+        raise OutOfMemory(
+            f"{stage.name} ran out of memory in {segment}, {run.progress}; run it with fewer --workers or "
+            f"{THREADS_VARIABLE}=1, or where more memory is free"
+        ) from error
     if rows is None:  # another process has made it while this one waited
         return _fresh(workspace, stage, segment)
     _not_older(path, workspace, stage, segment)
@@ -163,15 +170,27 @@ def _not_older(path: Path, workspace: Workspace, stage: AnyStage, segment: str) 
         os.utime(path, ns=(newest_ns, newest_ns))
 
 
-def _checked(rows: Iterator[Row], segment: str, tick: Tick) -> Iterator[Row]:
-    """Yield the rows, each checked to be of the segment and after the one before."""
-    last = -1
-    for row in rows:
-        if row.segment != segment or row.frame <= last:
-            raise ValueError(f"row ({row.segment}, {row.frame}) after frame {last} of {segment}")
-        last = row.frame
-        yield row
-        tick()
+class _CheckedRows:
+    """The rows of a stage, each checked to be of the segment and after the one before."""
+
+    def __init__(self, rows: Iterator[Row], segment: str, tick: Tick) -> None:
+        self._rows, self._segment, self._tick = rows, segment, tick
+        self._last = -1
+
+    @property
+    def progress(self) -> str:
+        """How far the stage came, in words."""
+        return "before its first frame was done" if self._last < 0 else f"after frame {self._last}"
+
+    def __iter__(self) -> Iterator[Row]:
+        for row in self._rows:
+            if row.segment != self._segment or row.frame <= self._last:
+                raise ValueError(
+                    f"row ({row.segment}, {row.frame}) after frame {self._last} of {self._segment}"
+                )
+            self._last = row.frame
+            yield row
+            self._tick()
 
 
 def _mark_given(workspace: Workspace, stage: AnyStage, segment: str, settings: Config | None) -> None:

@@ -37,7 +37,10 @@ class MaskConfig(Config):
         "a point at moving_mps or faster is never background by words or by place, because background is static"
     )
     moving_mps: float = setting(
-        "lowest speed of a moving point for moving_is_foreground and unseen_policy", "m/s", ge=0, le=200
+        "lowest speed of a moving point for moving_is_foreground, unseen_policy and the counts",
+        "m/s",
+        ge=0,
+        le=200,
     )
     unseen_policy: Literal["shape_classifier", "place_memory", "keep", "moving", "drop"] = setting(
         "state of a point without a feature: that of its place at other times, else by its shape "
@@ -119,8 +122,10 @@ def run(inputs: Inputs, config: MaskConfig) -> Iterator[MaskRow]:
 
     for pose, background in zip(poses, in_order(final_background, poses), strict=True):
         above_eps_sf = moving(flows[pose.frame].flow_mps, min_speed_mps=config.min_speed_mps)
-        inputs.count("points moving", above_eps_sf.sum())
-        inputs.count("points still", (~above_eps_sf).sum())
+        moves = is_moving(pose)
+        inputs.count("points moving", moves.sum())
+        inputs.count("points still", (~moves).sum())
+        inputs.count("points slower than min_speed_mps, left out", (~above_eps_sf).sum())
         inputs.count("points background", (background == 1).sum())
         inputs.count("points not background", (background == 0).sum())
         inputs.count("points without a feature, kept", (background < 0).sum())
@@ -133,5 +138,5 @@ STAGE = Stage(
     config=MaskConfig,
     row=MaskRow,
     reads=("raw", "vlm", "odometry", "ground", "pca", "flow", "extract-vl"),
-    version=3,
+    version=4,
 )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -25,6 +25,7 @@ class DriveSample:
         runs: Steps to look at: each run holds neighbouring steps, and the runs are spread evenly over the drive.
         sweep: Gives the points of a step; repeated calls are cheap.
         picture: Gives the picture of a step and a camera, or None where it is missing; repeated calls are cheap.
+        skipped: How many frames or pictures the data set left out, by reason.
     """
 
     frames: tuple[Frame, ...]
@@ -34,6 +35,7 @@ class DriveSample:
     runs: tuple[tuple[int, ...], ...]
     sweep: Callable[[int], Points]
     picture: Callable[[int, str], Image | None]
+    skipped: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def steps(self) -> tuple[int, ...]:

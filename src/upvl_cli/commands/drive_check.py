@@ -1,0 +1,167 @@
+"""What is wrong with a drive before anything is computed on it, without any label."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+from upvl_cli.commands.check_config import CheckConfig
+from upvl_cli.config.toml import load
+from upvl_cli.errors import UpvlError
+from upvl_cli.perception.drive_check.completeness import check_completeness
+from upvl_cli.perception.drive_check.finding import LEVELS, Finding, Level
+from upvl_cli.perception.drive_check.sample import DriveSample, spread_runs
+from upvl_cli.pipeline.provenance import to_json
+from upvl_cli.runtime.atomic import write_if_changed
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from upvl_cli.pipeline.workspace import Workspace
+    from upvl_cli.types import Drive
+
+_VERSION = 1  # raised by hand when a check finds other things on equal drives
+_SWEEPS_AT_HAND, _PICTURES_AT_HAND = 48, 64  # a sweep holds some 5 MB, a picture 1.5 MB
+
+Part = Callable[[DriveSample, CheckConfig], Iterator[Finding]]
+
+
+def _completeness(sample: DriveSample, config: CheckConfig) -> Iterator[Finding]:
+    yield from check_completeness(sample)
+
+
+# In the order in which they are asked; what follows a fault of the clock is not worth asking.
+QUICK_PARTS: tuple[Part, ...] = (_completeness,)
+PARTS: tuple[Part, ...] = (_completeness,)
+
+
+@dataclass(frozen=True)
+class CheckReport:
+    """All findings on one drive.
+
+    Attributes:
+        segment: Name of the drive.
+        findings: In the order of the checks.
+    """
+
+    segment: str
+    findings: tuple[Finding, ...]
+
+    @property
+    def faults(self) -> tuple[Finding, ...]:
+        """What makes labels wrong."""
+        return tuple(finding for finding in self.findings if finding.is_fault)
+
+    @property
+    def level(self) -> Level:
+        """The worst level of all."""
+        return max((finding.level for finding in self.findings), key=LEVELS.index, default="ok")
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the report as plain values."""
+        return {
+            "segment": self.segment,
+            "level": self.level,
+            "findings": [finding.to_json() for finding in self.findings],
+        }
+
+
+def check_segment(workspace: Workspace, segment: str, *, quick: bool) -> CheckReport:
+    """Check one drive.
+
+    Args:
+        workspace: Names the dataset, and holds check.toml.
+        segment: Name of the drive.
+        quick: Whether to look only at what shows in seconds.
+
+    Raises:
+        BadInput: The drive cannot be read.
+    """
+    config = load(CheckConfig, workspace.stages / "check.toml")
+    sample = take_sample(workspace.drive(segment), config, quick=quick)
+    parts = QUICK_PARTS if quick else PARTS
+    return CheckReport(segment, tuple(finding for part in parts for finding in part(sample, config)))
+
+
+def take_sample(drive: Drive, config: CheckConfig, *, quick: bool) -> DriveSample:
+    """Return the part of a drive that is looked at."""
+    frames = drive.frames
+    size = config.quick if quick else config.sample
+    points, image = lru_cache(_SWEEPS_AT_HAND)(drive.points), lru_cache(_PICTURES_AT_HAND)(drive.image)
+    return DriveSample(
+        frames=frames,
+        world_from_ego=drive.world_from_ego,
+        ground_z_m=drive.ground_z_m,
+        cameras=drive.cameras,
+        runs=spread_runs(len(frames), size.runs, size.sweeps),
+        sweep=lambda step: points(frames[step].index),
+        picture=lambda step, camera: image(frames[step].index, camera),
+        skipped=drive.skipped,
+    )
+
+
+def quick_report(workspace: Workspace, segment: str) -> CheckReport:
+    """Return the quick check of a drive, from `out/check` where the drive and the settings are the same."""
+    kept = kept_report(workspace, segment)
+    if kept is not None:
+        return kept
+    report = check_segment(workspace, segment, quick=True)
+    content = {"stamp": _stamp(workspace, segment), **report.to_json()}
+    text = json.dumps(content, indent=1, ensure_ascii=False)
+    write_if_changed(_report_path(workspace, segment), text + "\n")
+    return report
+
+
+def kept_report(workspace: Workspace, segment: str) -> CheckReport | None:
+    """Return the last quick check of a drive; None where it was not asked, or the drive is another one since."""
+    return _kept(_report_path(workspace, segment), _stamp(workspace, segment), segment)
+
+
+def _report_path(workspace: Workspace, segment: str) -> Path:
+    return workspace.out / "check" / f"{segment}.json"
+
+
+def mark_checked(workspace: Workspace, segment: str) -> None:
+    """Write the mark by which make knows that a drive may be labelled."""
+    write_if_changed(workspace.out / "check" / f"{segment}.ok", _stamp(workspace, segment))
+
+
+def _stamp(workspace: Workspace, segment: str) -> str:
+    settings = load(CheckConfig, workspace.stages / "check.toml").values()
+    return to_json({"version": _VERSION, "raw": workspace.raw_stamp(segment), "values": settings})
+
+
+def _kept(path: Path, stamp: str, segment: str) -> CheckReport | None:
+    """Return the report in a file, or None where it is another drive's or damaged."""
+    try:
+        kept = json.loads(path.read_text(encoding="utf-8"))
+        if kept["stamp"] != stamp:
+            return None
+        return CheckReport(segment, tuple(Finding(**values) for values in kept["findings"]))
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return None
+
+
+class FaultyDrive(UpvlError):
+    """A drive whose labels would be wrong."""
+
+
+def refuse_faults(reports: Sequence[CheckReport]) -> None:
+    """Stop a run over drives that have faults.
+
+    Raises:
+        FaultyDrive: Some drive has a fault; the message names the first, and how to go on.
+    """
+    faulty = [report for report in reports if report.faults]
+    if not faulty:
+        return
+    first = faulty[0]
+    others = f"; {len(faulty) - 1} more drives have faults" if len(faulty) > 1 else ""
+    more = f" (and {len(first.faults) - 1} more)" if len(first.faults) > 1 else ""
+    raise FaultyDrive(
+        f"{first.segment}: {first.faults[0].sentence}{more}{others}; see: upvl check {first.segment}; to go on "
+        "all the same: --anyway"
+    )
