@@ -13,10 +13,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from upvl_cli.config.base import Config, setting
-from upvl_cli.errors import BadSetting
+from upvl_cli.errors import BadSetting, OutOfMemory
 from upvl_cli.pipeline.make_rules import rules
 from upvl_cli.pipeline.pipeline import Pipeline
-from upvl_cli.pipeline.runner import Made, run_all, state
+from upvl_cli.pipeline.runner import Made, make_shard, run_all, state
 from upvl_cli.pipeline.stage import WHOLE_DATASET, Inputs, Row, Stage, column
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.types import Array, Frame, Points
@@ -188,3 +188,20 @@ def test_an_unknown_dataset_is_one_clear_error(workspace: Workspace) -> None:
     (workspace.stages / "raw.toml").write_text('dataset = "none"\nroot = ""\nsegments = []\n')
     with pytest.raises(BadSetting, match="unknown dataset 'none'"):
         _ = Workspace(TOY, workspace.stages, workspace.out).segments
+
+
+def double_without_end(inputs: Inputs, config: DoubleConfig) -> Iterator[DoubleRow]:
+    """Ask for more memory than any machine has, at the second frame."""
+    frames = inputs.drive.frames
+    yield DoubleRow(inputs.segment, frames[0].index, np.zeros(1))
+    yield DoubleRow(inputs.segment, frames[1].index, np.zeros(10**18))
+
+
+def test_want_of_memory_is_one_line_with_stage_and_frame(workspace: Workspace) -> None:
+    stage = replace(DOUBLE, run=double_without_end)
+    first = workspace.drive("a").frames[0].index
+    with pytest.raises(
+        OutOfMemory, match=f"double ran out of memory in a, after frame {first}; run it with fewer"
+    ):
+        make_shard(workspace, stage, "a", workspace.settings(DOUBLE), lambda: None)
+    assert not workspace.shard("double", "a").exists()
