@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from upvl_cli.config.base import Config, setting, table
+from upvl_cli.perception.drive_check.motion_config import MotionCheckConfig
 from upvl_cli.perception.visual.config import CameraCheckConfig
 
 
@@ -33,3 +34,4 @@ class CheckConfig(Config):
         "translation error of a camera for which the check says whether it would find it", "m", gt=0, le=10
     )
     camera: CameraCheckConfig = table("How far the calibration of a camera is off.")
+    motion: MotionCheckConfig = table("Poses, axes and motion compensation, by the sweeps themselves.")
