@@ -5,6 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from upvl_cli.config.base import Config, setting, table
+from upvl_cli.perception.drive_check.clock_check import ClockCheckConfig
+from upvl_cli.perception.drive_check.points_check import PointsCheckConfig
+from upvl_cli.perception.drive_check.units_check import UnitsCheckConfig
+from upvl_cli.perception.sensor.config import SensorConfig
 from upvl_cli.perception.visual.config import CameraCheckConfig
 
 
@@ -33,3 +37,7 @@ class CheckConfig(Config):
         "translation error of a camera for which the check says whether it would find it", "m", gt=0, le=10
     )
     camera: CameraCheckConfig = table("How far the calibration of a camera is off.")
+    sensor: SensorConfig = table("How the sensors of a drive are measured.")
+    points: PointsCheckConfig = table("What sweeps may hold.")
+    units: UnitsCheckConfig = table("What points in metres look like.")
+    clock: ClockCheckConfig = table("What the times of sweeps may do.")

@@ -37,8 +37,11 @@ def beams_by_order(azimuth_deg: Array, elevation_deg: Array) -> Floats | None:
     for start in np.arange(0, 360, _START_STEP_DEG):
         around = (azimuth_deg - start) % 360
         beam = np.append(0, np.cumsum(np.diff(around) < -_BACK_DEG))
-        medians = _medians(elevation_deg, np.bincount(beam))
+        count = np.bincount(beam)
+        medians = _medians(elevation_deg, count)
         spread = float(np.median(np.abs(elevation_deg - medians[beam])))
+        # The last beam goes a little beyond the start.
+        medians = medians[count >= _MIN_MASS * np.median(count)]
         found.append((len(medians), spread, start, medians))
     # A start in the middle of the beams of the file cuts the first of them in two.
     _, spread, _, medians = min(found, key=lambda item: item[:3])

@@ -20,7 +20,14 @@ class SensorConfig(Config):
     )
     near_m: float = setting("points nearer to a LiDAR show no beam and no road: the car lies there", "m", ge=0, le=10)
     car_reach_m: float = setting(
-        "points of the car itself lie within this distance of the origin of the ego axes", "m", gt=0, le=50
+        "points of the car itself lie within this distance before or behind the origin of the ego axes", "m", gt=0, le=50
+    )
+    car_half_width_m: float = setting(
+        "points of the car itself lie within this distance to each side of the ego axes: walls along the road, which "
+        "stay where they are too, lie farther",
+        "m",
+        gt=0,
+        le=10,
     )
     car_cell_m: float = setting("edge of the cells in which points of the car itself are looked for", "m", gt=0, le=2)
     car_share: float = setting(

@@ -11,8 +11,9 @@ from upvl_cli.perception.sensor.config import SensorConfig
 from upvl_cli.types import Array, Floats
 
 _ROAD_M = 0.3  # points this far above the road are no road
-_CHANGED = 0.5  # of the cells around a car that drives are empty later
+_SAME = 0.7  # of the cells around a car that drives hold points later, at most; around one that stands 0.9
 _SCENE_M, _SCENE_CELL_M = (6.0, 25.0), 1.0  # of the cells by which a car is seen to drive
+_SCENE_ABOVE_M = 0.8  # slopes and kerbs look the same everywhere
 _MIN_SWEEPS = 4
 _TRIM = 0.5  # percent of the points of the car that the outline leaves out at each side
 
@@ -64,7 +65,7 @@ def scene_changes(sweeps: Sequence[Array], road_z_m: float) -> bool:
         road_z_m: Height of the road in ego axes.
     """
     first, last = (np.unique(_cells(_around(xyz, road_z_m), _SCENE_CELL_M)) for xyz in (sweeps[0], sweeps[-1]))
-    return len(first) > 0 and float(np.isin(first, last).mean()) < _CHANGED
+    return len(first) > 0 and float(np.isin(first, last).mean()) < _SAME
 
 
 def hidden_sectors(
@@ -101,13 +102,13 @@ def hidden_sectors(
 
 
 def _near(xyz_m: Array, road_z_m: float, config: SensorConfig) -> Array:
-    inside = (np.abs(xyz_m[:, 0]) < config.car_reach_m) & (np.abs(xyz_m[:, 1]) < config.car_reach_m)
+    inside = (np.abs(xyz_m[:, 0]) < config.car_reach_m) & (np.abs(xyz_m[:, 1]) < config.car_half_width_m)
     return np.asarray(xyz_m[inside & (xyz_m[:, 2] > road_z_m + _ROAD_M) & xyz_m.any(axis=1)])
 
 
 def _around(xyz_m: Array, road_z_m: float) -> Array:
     distance = np.hypot(xyz_m[:, 0], xyz_m[:, 1])
-    inside = (distance > _SCENE_M[0]) & (distance < _SCENE_M[1]) & (xyz_m[:, 2] > road_z_m + _ROAD_M)
+    inside = (distance > _SCENE_M[0]) & (distance < _SCENE_M[1]) & (xyz_m[:, 2] > road_z_m + _SCENE_ABOVE_M)
     return np.asarray(xyz_m[inside])
 
 
