@@ -6,6 +6,10 @@ from dataclasses import dataclass
 
 from upvl_cli.config.base import Config, setting, table
 from upvl_cli.perception.drive_check.motion_config import MotionCheckConfig
+from upvl_cli.perception.drive_check.clock_check import ClockCheckConfig
+from upvl_cli.perception.drive_check.points_check import PointsCheckConfig
+from upvl_cli.perception.drive_check.units_check import UnitsCheckConfig
+from upvl_cli.perception.sensor.config import SensorConfig
 from upvl_cli.perception.visual.config import CameraCheckConfig
 
 
@@ -35,3 +39,7 @@ class CheckConfig(Config):
     )
     camera: CameraCheckConfig = table("How far the calibration of a camera is off.")
     motion: MotionCheckConfig = table("Poses, axes and motion compensation, by the sweeps themselves.")
+    sensor: SensorConfig = table("How the sensors of a drive are measured.")
+    points: PointsCheckConfig = table("What sweeps may hold.")
+    units: UnitsCheckConfig = table("What points in metres look like.")
+    clock: ClockCheckConfig = table("What the times of sweeps may do.")

@@ -15,7 +15,7 @@ from upvl_cli.datasets.py123d.cameras import check_first_picture, read_camera, r
 from upvl_cli.datasets.py123d.library import ArrowLog, library_errors, open_log, pose_matrices
 from upvl_cli.datasets.py123d.points import CarOutline, car_outline, read_sweep
 from upvl_cli.datasets.shared.lookup import camera_of_name, of_frame
-from upvl_cli.datasets.shared.road_height import road_height_m
+from upvl_cli.geometry.road_height import road_height_m
 from upvl_cli.datasets.shared.times import check_frames
 from upvl_cli.errors import BadInput
 from upvl_cli.geometry.path import pose_at
