@@ -11,9 +11,13 @@ from typing import TYPE_CHECKING, Any
 from upvl_cli.commands.check_config import CheckConfig
 from upvl_cli.config.toml import load
 from upvl_cli.errors import UpvlError
+from upvl_cli.perception.drive_check.clock_check import check_clock
 from upvl_cli.perception.drive_check.completeness import check_completeness
 from upvl_cli.perception.drive_check.finding import LEVELS, Finding, Level
+from upvl_cli.perception.drive_check.motion_check import check_motion
+from upvl_cli.perception.drive_check.points_check import check_points
 from upvl_cli.perception.drive_check.sample import DriveSample, spread_runs
+from upvl_cli.perception.drive_check.units_check import check_units
 from upvl_cli.pipeline.provenance import to_json
 from upvl_cli.runtime.atomic import write_if_changed
 
@@ -29,13 +33,15 @@ _SWEEPS_AT_HAND, _PICTURES_AT_HAND = 48, 64  # a sweep holds some 5 MB, a pictur
 Part = Callable[[DriveSample, CheckConfig], Iterator[Finding]]
 
 
-def _completeness(sample: DriveSample, config: CheckConfig) -> Iterator[Finding]:
-    yield from check_completeness(sample)
-
-
-# In the order in which they are asked; what follows a fault of the clock is not worth asking.
-QUICK_PARTS: tuple[Part, ...] = (_completeness,)
-PARTS: tuple[Part, ...] = (_completeness,)
+# In the order in which they are asked. The quick part has those that need seconds.
+PARTS: tuple[Part, ...] = (
+    lambda sample, config: check_completeness(sample),
+    lambda sample, config: check_clock(sample, config.clock),
+    lambda sample, config: check_points(sample, config.points),
+    lambda sample, config: check_units(sample, config.units),
+    lambda sample, config: check_motion(sample, config.motion),
+)
+QUICK_PARTS: tuple[Part, ...] = PARTS
 
 
 @dataclass(frozen=True)

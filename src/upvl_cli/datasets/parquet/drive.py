@@ -12,7 +12,6 @@ from upvl_cli.datasets.parquet.cameras import PictureTable, open_pictures, read_
 from upvl_cli.datasets.parquet.points import PointTable, open_points
 from upvl_cli.datasets.shared.lookup import camera_of_name, of_frame
 from upvl_cli.datasets.shared.point_files.scan import NO_RETURN
-from upvl_cli.datasets.shared.road_height import road_height_m
 from upvl_cli.geometry.motion_compensation import compensate
 from upvl_cli.geometry.road_height import road_height_m
 from upvl_cli.types import Array, Camera, Frame, Image, Points
