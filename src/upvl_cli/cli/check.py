@@ -82,12 +82,21 @@ def check_first(workspace: Workspace, segments: Sequence[str] | None, *, anyway:
 def _print_report(report: CheckReport) -> None:
     if not sys.stdout.isatty():
         print(report.segment)
+        for subject, text in report.card.lines if report.card else ():
+            print(f"  {subject}: {text}")
         for finding in report.findings:
             print(f"  {finding.level}: {finding.sentence}")
         return
     from rich.console import Console
     from rich.table import Table
 
+    if report.card is not None:
+        card = Table(
+            "sensor", "measured", title=report.segment, title_justify="left", box=None, pad_edge=False
+        )
+        for subject, text in report.card.lines:
+            card.add_row(subject, text)
+        Console().print(card)
     table = Table(title=report.segment, title_justify="left", box=None, pad_edge=False)
     for name in ("", "of", "found", "likely cause", "what to do"):
         table.add_column(name, overflow="fold")

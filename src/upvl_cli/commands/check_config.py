@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from upvl_cli.config.base import Config, setting, table
-from upvl_cli.perception.drive_check.motion_config import MotionCheckConfig
 from upvl_cli.perception.drive_check.clock_check import ClockCheckConfig
+from upvl_cli.perception.drive_check.motion_config import MotionCheckConfig
 from upvl_cli.perception.drive_check.points_check import PointsCheckConfig
 from upvl_cli.perception.drive_check.units_check import UnitsCheckConfig
 from upvl_cli.perception.sensor.config import SensorConfig

@@ -15,9 +15,12 @@ from upvl_cli.perception.drive_check.clock_check import check_clock
 from upvl_cli.perception.drive_check.completeness import check_completeness
 from upvl_cli.perception.drive_check.finding import LEVELS, Finding, Level
 from upvl_cli.perception.drive_check.motion_check import check_motion
-from upvl_cli.perception.drive_check.points_check import check_points
+from upvl_cli.perception.drive_check.points_check import check_own_car, check_points
 from upvl_cli.perception.drive_check.sample import DriveSample, spread_runs
 from upvl_cli.perception.drive_check.units_check import check_units
+from upvl_cli.perception.sensor.card import SensorCard
+from upvl_cli.perception.sensor.limits import limits
+from upvl_cli.perception.sensor.measure import measure_sensor
 from upvl_cli.pipeline.provenance import to_json
 from upvl_cli.runtime.atomic import write_if_changed
 
@@ -51,10 +54,12 @@ class CheckReport:
     Attributes:
         segment: Name of the drive.
         findings: In the order of the checks.
+        card: Its sensors; None where they were not measured.
     """
 
     segment: str
     findings: tuple[Finding, ...]
+    card: SensorCard | None = None
 
     @property
     def faults(self) -> tuple[Finding, ...]:
@@ -68,11 +73,9 @@ class CheckReport:
 
     def to_json(self) -> dict[str, Any]:
         """Return the report as plain values."""
-        return {
-            "segment": self.segment,
-            "level": self.level,
-            "findings": [finding.to_json() for finding in self.findings],
-        }
+        card = {} if self.card is None else {"sensors": self.card.to_json()}
+        found = [finding.to_json() for finding in self.findings]
+        return {"segment": self.segment, "level": self.level, "findings": found, **card}
 
 
 def check_segment(workspace: Workspace, segment: str, *, quick: bool) -> CheckReport:
@@ -88,8 +91,22 @@ def check_segment(workspace: Workspace, segment: str, *, quick: bool) -> CheckRe
     """
     config = load(CheckConfig, workspace.stages / "check.toml")
     sample = take_sample(workspace.drive(segment), config, quick=quick)
-    parts = QUICK_PARTS if quick else PARTS
-    return CheckReport(segment, tuple(finding for part in parts for finding in part(sample, config)))
+    if quick:
+        return CheckReport(segment, tuple(_findings(QUICK_PARTS, sample, config)))
+    card = measure_sensor(sample, config.sensor)
+    return CheckReport(segment, (*_findings(PARTS, sample, config), *_from_card(card, config)), card)
+
+
+def _findings(parts: Sequence[Part], sample: DriveSample, config: CheckConfig) -> Iterator[Finding]:
+    for part in parts:
+        yield from part(sample, config)
+
+
+def _from_card(card: SensorCard, config: CheckConfig) -> Iterator[Finding]:
+    """Yield what the sensors see of the car itself, and what they cannot give."""
+    yield from check_own_car(card)
+    for sentence in limits(card, config.sensor):
+        yield Finding("sensor", "ok", sentence)
 
 
 def take_sample(drive: Drive, config: CheckConfig, *, quick: bool) -> DriveSample:
