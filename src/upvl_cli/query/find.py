@@ -159,7 +159,8 @@ def _candidates(
         candidates.append(Candidates(segment, objects, np.flatnonzero(passes & has_features)))
     if counts["boxes"] and not featured:
         raise BadInput(
-            f"none of the {store.source} has a feature, for no camera was used; run: upvl autolabel --all-motion"
+            f"none of the {store.source} has a feature, for no picture was used; where they are of moving objects "
+            "alone, run: upvl autolabel --all-motion; else the pictures were not found: run: upvl check"
         )
     if config.search:
         total = sum(len(chosen.rows) for chosen in candidates)

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from upvl_cli.datasets.shared.numbered_files import describe_files, numbered_files
+from upvl_cli.datasets.shared.numbered_files import describe_files, has_files, numbered_files
 from upvl_cli.datasets.shared.pictures import SUFFIXES, check_picture_size, picture_size
 from upvl_cli.errors import BadInput
 from upvl_cli.types import Camera, Frame
@@ -28,9 +28,18 @@ def picture_files(folders: Mapping[str, Path]) -> dict[str, dict[int, Path]]:
     """Return the pictures of each camera that has some, by frame number.
 
     Args:
-        folders: The folder of each camera's pictures.
+        folders: The folder of each camera's pictures; one that is missing or empty is a camera without pictures.
+
+    Raises:
+        BadInput: A folder has files, and none of them is a picture with a frame number.
     """
     found = {name: numbered_files(folder, SUFFIXES) for name, folder in folders.items()}
+    for name, folder in folders.items():
+        if not found[name] and has_files(folder):
+            raise BadInput(
+                f"{describe_files(folder)}, none a picture with the number of a sweep; expected names like "
+                "0000000000.png or .jpg; rename them, or remove the folder to do without pictures"
+            )
     return {name: paths for name, paths in found.items() if paths}
 
 

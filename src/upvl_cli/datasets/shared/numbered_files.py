@@ -43,6 +43,16 @@ def numbered_files(folder: Path, suffixes: Collection[str]) -> dict[int, Path]:
     return dict(sorted(files.items()))
 
 
+def has_files(folder: Path) -> bool:
+    """Return whether anything lies in a folder, hidden files apart; false where there is no such folder."""
+    try:
+        return any(not name.startswith(".") for name in os.listdir(folder))
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    except OSError as error:
+        raise unreadable(folder, error) from None
+
+
 def describe_files(folder: Path) -> str:
     """Return what lies in a folder, for a message: `8 files like 000060.bin`, `no such folder`."""
     try:
