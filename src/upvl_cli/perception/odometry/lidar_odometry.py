@@ -1,57 +1,116 @@
-"""LiDAR odometry: the pose of the car at each sweep, from the sweeps alone, by KISS-ICP."""
+"""LiDAR odometry: the pose of the car at each sweep, from the sweeps alone."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections import deque
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from itertools import islice
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from upvl_cli.perception.odometry.config import KissIcpConfig
-from upvl_cli.types import Array, Floats
+from upvl_cli.geometry.se3 import compose
+from upvl_cli.perception.odometry.config import LidarOdometryConfig
+from upvl_cli.perception.odometry.constant_velocity import motion_over, velocity_between
+from upvl_cli.perception.odometry.start import search_start
+from upvl_cli.perception.odometry.sweep import PreparedSweep
+from upvl_cli.perception.odometry.tracker import Placement, Tracker
+from upvl_cli.perception.odometry.trajectory import Trajectory
+from upvl_cli.types import Array
 
-if TYPE_CHECKING:
-    from kiss_icp.config import KISSConfig
 
+def estimate_trajectory(sweeps: Iterable[PreparedSweep], config: LidarOdometryConfig) -> Trajectory:
+    """Estimate the pose of each sweep; the first sweep's axes are the world's.
 
-def estimate_poses(sweeps: Iterable[Floats], config: KissIcpConfig) -> Array:
-    """Estimate (T, 4, 4) world_from_ego of each sweep; the first sweep's axes are the world's.
-
-    KISS-ICP (Vizzo et al., "In Defense of Point-to-Point ICP", RA-L 2023), without motion compensation: the
-    sweeps are taken as they are. It predicts that the car stands at first, so that the first step of a moving
-    car comes out too short: so it is run twice over the first sweeps, the second time with the speed found.
+    Registration is KISS-ICP's; the motion is predicted by time. At the start, after a gap and where a registration
+    fits badly or is no motion of a car, motions are searched without a guess. A sweep that fits nowhere is not placed:
+    its pose is interpolated between those that are.
 
     Args:
-        sweeps: (n, 3) points of each sweep in ego axes, in order of time.
+        sweeps: The sweeps in order of time; a few are held at a time.
         config: The method's settings.
     """
-    from kiss_icp.config import KISSConfig
-
-    kiss = KISSConfig()
-    kiss.data.deskew = False
-    kiss.data.min_range = config.min_range_m
-    kiss.data.max_range = config.max_range_m
-    kiss.mapping.voxel_size = config.voxel_m
-    # One thread: sums over several come in another order each time, and with them other last digits.
-    kiss.registration.max_num_threads = 1
-    rest = iter(sweeps)
-    first = list(islice(rest, config.warm_up_sweeps))
-    warm = _register(first, kiss, np.eye(4))
-    step = np.linalg.inv(warm[-2]) @ warm[-1] if len(warm) > 1 else np.eye(4)
-    kiss.adaptive_threshold.initial_threshold = config.initial_threshold_m
-    return _register((sweep for part in (first, rest) for sweep in part), kiss, step)
+    placements = _interpolate(list(_place_all(iter(sweeps), config)))
+    sigmas = [_sigmas(placements, step, config) for step in range(len(placements))]
+    agreements = [placement.agreement for placement in placements]
+    return Trajectory(
+        world_from_ego=np.array([placement.world_from_ego for placement in placements]).reshape(-1, 4, 4),
+        is_placed=np.array([placement.is_placed for placement in placements], dtype=bool),
+        is_bridged=np.array([placement.is_bridged for placement in placements], dtype=bool),
+        residual_m=np.array([np.nan if each is None else each.rmse_m() for each in agreements]),
+        inlier_share=np.array([np.nan if each is None else each.inlier_share for each in agreements]),
+        position_sigma_m=np.array([sigma[0] for sigma in sigmas]),
+        heading_sigma_rad=np.array([sigma[1] for sigma in sigmas]),
+    )
 
 
-def _register(sweeps: Iterable[Floats], kiss: KISSConfig, step: Array) -> Array:
-    """Return the pose of each sweep, where `step` is the motion that is predicted after the first sweep."""
-    from kiss_icp.kiss_icp import KissICP
+def _place_all(sweeps: Iterator[PreparedSweep], config: LidarOdometryConfig) -> Iterator[Placement]:
+    """Yield the placement of each sweep; a new start is searched where nothing was placed for long."""
+    window = deque(islice(sweeps, config.search.sweeps))
+    tracker: Tracker | None = None
+    pose, twist = np.eye(4), np.zeros(6)
+    while window:
+        sweep = window[0]
+        if tracker is None:
+            start = search_start(list(window), [twist], config) if len(window) > 1 else None
+            if start is not None:
+                tracker, twist = Tracker(sweep, pose, start, config), start
+            yield Placement(sweep.time_s, pose, twist, start is not None, False, None)
+        else:
+            placement = tracker.place(sweep)
+            pose, twist = placement.world_from_ego, placement.twist
+            yield placement
+            if sweep.time_s - tracker.last_time_s > config.placement.give_up_s:
+                tracker = None
+        window.popleft()
+        window.extend(islice(sweeps, 1))
+        if tracker is None and window:
+            pose = compose(pose, motion_over(twist, window[0].time_s - sweep.time_s))
 
-    filter_ = KissICP(kiss)
-    poses: list[Array] = []
-    for sweep in sweeps:
-        filter_.register_frame(np.asarray(sweep, dtype=np.float64), np.zeros(0))
-        if not poses:
-            filter_.last_delta = step
-        poses.append(filter_.last_pose.copy())
-    return np.array(poses).reshape(-1, 4, 4)
+
+def _interpolate(placements: list[Placement]) -> list[Placement]:
+    """Return the placements; those without a pose of their own lie on the motion between the placed ones around.
+
+    After the last placed one the predicted poses stay; before the first one its motion is taken back.
+    """
+    placed = [step for step, placement in enumerate(placements) if placement.is_placed]
+    result = list(placements)
+    for step, placement in enumerate(placements):
+        if placement.is_placed or not placed:
+            continue
+        after = next((known for known in placed if known > step), None)
+        before = next((known for known in reversed(placed) if known < step), None)
+        if after is None:
+            continue
+        later = placements[after]
+        twist = later.twist
+        if before is not None:
+            earlier = placements[before]
+            seconds = later.time_s - earlier.time_s
+            twist = velocity_between(earlier.world_from_ego, later.world_from_ego, seconds)
+        motion = motion_over(twist, placement.time_s - later.time_s)
+        pose = compose(later.world_from_ego, motion)
+        result[step] = replace(placement, world_from_ego=pose, twist=twist)
+    return result
+
+
+def _sigmas(placements: list[Placement], step: int, config: LidarOdometryConfig) -> tuple[float, float]:
+    """Return the standard deviations of the step from the placed frame before, in m and rad.
+
+    By the fit where the frame was placed; else by what a car's motion can be off a constant one: from rest at both
+    ends a s² / 8 between two known poses, and a s² / 2 where only one is known.
+    """
+    placement, limits = placements[step], config.placement
+    if placement.is_placed and placement.agreement is not None:
+        return placement.agreement.sigmas
+    before = [known.time_s for known in placements[:step] if known.is_placed]
+    after = [known.time_s for known in placements[step + 1 :] if known.is_placed]
+    if placement.is_placed and not before:
+        return 0.0, 0.0
+    if not before and not after:
+        return float("inf"), float("inf")
+    if before and after and not placement.is_placed:
+        share = (after[0] - before[-1]) ** 2 / 8
+    else:
+        share = (placement.time_s - before[-1] if before else after[0] - placement.time_s) ** 2 / 2
+    return share * limits.max_acceleration_mps2, share * limits.max_yaw_acceleration_radps2

@@ -1,0 +1,139 @@
+"""How well two sweeps agree under a motion: partners, distances along the surface's normal, and what they leave open."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from upvl_cli.geometry.se3 import apply, inverse
+from upvl_cli.perception.odometry.config import AgreementConfig
+from upvl_cli.types import Array, Floats
+
+# Rings of a LiDAR with few beams are metres apart on a wall: a partner may lie higher or lower than it may lie aside.
+_Z_SCALE = 0.1
+_NEIGHBORS = 6  # points that give the normal of a surface
+_MIN_PAIRS = 20  # fewer say nothing of three numbers
+_MIN_SIGMA_M = 0.01  # noise of a LiDAR's range that no residual goes below
+_ABREAST = 10.0  # neighboring points share their error: so many count as one (calibrated by bench/odometry.py)
+
+
+class Structure:
+    """The upright points of a sweep, motion-compensated, and a tree over them."""
+
+    def __init__(self, xyz_m: Floats) -> None:
+        """Take (n, 3) points in ego axes."""
+        self.xyz_m = xyz_m
+
+    def __len__(self) -> int:
+        return len(self.xyz_m)
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        """Tree over the points, heights scaled down."""
+        return cKDTree(_scaled(self.xyz_m))
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How well a sweep fits the one before under a motion.
+
+    Attributes:
+        inlier_share: Share of the points with a partner within the radius, mean of both directions; NaN where there
+            are too few points to say.
+        squares_m2: Mean squared distance of the partners along the normal, n the partners; NaN without.
+        gradient: (3,) its half derivative by a small motion in x (m), y (m) and yaw (rad) of the target's axes.
+        hessian: (3, 3) half its second derivative.
+        pairs: n, how many partners there are.
+    """
+
+    inlier_share: float
+    squares_m2: float
+    gradient: Floats
+    hessian: Floats
+    pairs: int
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether there was enough to measure."""
+        return self.pairs >= _MIN_PAIRS
+
+    def rmse_m(self, motion: Floats | None = None) -> float:
+        """Return the root mean square distance after a further small motion, by the second-order model.
+
+        Args:
+            motion: (3,) x (m), y (m) and yaw (rad) in the target's axes; None for none.
+        """
+        if not self.is_measured:
+            return float("nan")
+        squares = self.squares_m2
+        if motion is not None:
+            squares += float(2 * self.gradient @ motion + motion @ self.hessian @ motion)
+        return float(np.sqrt(max(squares, 0.0)))
+
+    def error_m2(self, radius_m: float) -> float:
+        """Return the mean squared distance, where a point without a partner counts as one at the radius."""
+        if not self.is_measured:
+            return radius_m**2
+        return (1 - self.inlier_share) * radius_m**2 + self.inlier_share * self.squares_m2
+
+    @property
+    def sigmas(self) -> tuple[float, float]:
+        """Standard deviations of the motion's position (m, its worst direction) and yaw (rad); infinite unmeasured."""
+        if not self.is_measured:
+            return float("inf"), float("inf")
+        noise_m2 = max(self.squares_m2, _MIN_SIGMA_M**2) * _ABREAST / self.pairs
+        covariance = noise_m2 * np.linalg.inv(self.hessian + 1e-9 * np.eye(3))
+        return float(np.sqrt(np.linalg.eigvalsh(covariance[:2, :2])[-1])), float(np.sqrt(covariance[2, 2]))
+
+
+def measure_agreement(
+    target: Structure, source: Structure, target_from_source: Array, config: AgreementConfig
+) -> Agreement:
+    """Compare two sweeps under a motion: point to plane, in the ground plan.
+
+    Args:
+        target: The sweep before.
+        source: The sweep.
+        target_from_source: (4, 4) the motion between them.
+        config: Radius and how many points are compared.
+    """
+    if len(target) < _NEIGHBORS or len(source) < _NEIGHBORS:
+        return Agreement(float("nan"), float("nan"), np.zeros(3), np.zeros((3, 3)), 0)
+    moved = apply(target_from_source, _sample(source.xyz_m, config.points))
+    distance, nearest = target.tree.query(_scaled(moved), k=_NEIGHBORS)
+    back = apply(inverse(target_from_source), _sample(target.xyz_m, config.points))
+    back_distance = source.tree.query(_scaled(back))[0]
+    paired = distance[:, 0] <= config.partner_m
+    share = float((paired.mean() + (back_distance <= config.partner_m).mean()) / 2)
+    if paired.sum() < _MIN_PAIRS:
+        return Agreement(share, float("nan"), np.zeros(3), np.zeros((3, 3)), 0)
+    return _fit(moved[paired, :2], target.xyz_m[nearest[paired], :2], share)
+
+
+def _fit(xy_m: Floats, around_xy_m: Floats, share: float) -> Agreement:
+    """Return the least-squares model of distances from points (n, 2) to the lines through (n, k, 2) neighbors."""
+    center = around_xy_m.mean(axis=1)
+    spread = around_xy_m - center[:, None]
+    xx, yy = (spread**2).sum(axis=1).T
+    xy = (spread[..., 0] * spread[..., 1]).sum(axis=1)
+    angle = 0.5 * np.arctan2(2 * xy, xx - yy) + np.pi / 2  # across the axis of most variance
+    normal = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    away = ((xy_m - center) * normal).sum(axis=1)
+    lever = xy_m[:, 0] * normal[:, 1] - xy_m[:, 1] * normal[:, 0]
+    columns = np.column_stack([normal, lever])
+    total = len(away)
+    gradient = (columns * away[:, None]).sum(axis=0) / total
+    hessian = (columns[:, :, None] * columns[:, None, :]).sum(axis=0) / total
+    return Agreement(share, float((away**2).mean()), gradient, hessian, total)
+
+
+def _scaled(xyz_m: Floats) -> Floats:
+    return np.asarray(xyz_m * [1.0, 1.0, _Z_SCALE])
+
+
+def _sample(xyz_m: Floats, most: int) -> Floats:
+    """Return at most so many of the points, evenly taken."""
+    return np.asarray(xyz_m[:: max(-(-len(xyz_m) // most), 1)])
