@@ -1,4 +1,4 @@
-"""How well two sweeps agree under a motion: partners, distances along the surface's normal, and what they leave open."""
+"""How well two sweeps agree under a motion: partners, distances along normals, and what they leave open."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ _Z_SCALE = 0.1
 _NEIGHBORS = 6  # points that give the normal of a surface
 _MIN_PAIRS = 20  # fewer say nothing of three numbers
 _MIN_SIGMA_M = 0.01  # noise of a LiDAR's range that no residual goes below
-_ABREAST = 10.0  # neighboring points share their error: so many count as one (calibrated by bench/odometry.py)
+_ABREAST = (
+    10.0  # neighboring points share their error: so many count as one (calibrated by bench/odometry.py)
+)
 
 
 class Structure:

@@ -20,6 +20,12 @@ class KissIcpConfig(Config):
     initial_threshold_m: float = setting(
         "deviation from the constant-velocity prediction that is expected at the start", "m", ge=0.01, le=100
     )
+    convergence_m: float = setting(
+        "registration has converged once a step is shorter than this (KISS-ICP's convergence criterion)",
+        "m",
+        gt=0,
+        le=1,
+    )
 
 
 @dataclass(frozen=True)
@@ -69,13 +75,19 @@ class PlacementConfig(Config):
     """Settings of which registrations are believed."""
 
     min_inlier_share: float = setting(
-        "share of upright points with a partner in the sweep before below which a frame is not placed", ge=0, le=1
+        "share of upright points with a partner in the sweep before below which a frame is not placed",
+        ge=0,
+        le=1,
     )
     usual_share: float = setting(
         "a registration with less than this part of the usual share of partners is searched anew", ge=0, le=1
     )
-    max_acceleration_mps2: float = setting("no car speeds up, brakes or swerves more than this", "m/s²", gt=0, le=100)
-    max_yaw_acceleration_radps2: float = setting("no car's turn rate changes faster than this", "rad/s²", gt=0, le=100)
+    max_acceleration_mps2: float = setting(
+        "no car speeds up, brakes or swerves more than this", "m/s²", gt=0, le=100
+    )
+    max_yaw_acceleration_radps2: float = setting(
+        "no car's turn rate changes faster than this", "rad/s²", gt=0, le=100
+    )
     tolerance_m: float = setting("error of a registration that is no acceleration", "m", ge=0, le=10)
     tolerance_rad: float = setting("error of a registration that is no turn", "rad", ge=0, le=1)
     give_up_s: float = setting(
@@ -90,7 +102,9 @@ class PathSmoothingConfig(Config):
     method: Literal["none", "local-polynomial"] = setting(
         "how estimated positions are smoothed; none: not at all; local-polynomial: local regression over time"
     )
-    half_window_s: float = setting("time to each side that takes part in a local polynomial", "s", gt=0, le=1000)
+    half_window_s: float = setting(
+        "time to each side that takes part in a local polynomial", "s", gt=0, le=1000
+    )
     degree: int = setting("degree of the local polynomial", ge=1, le=5)
 
 
@@ -103,3 +117,17 @@ class LidarOdometryConfig(Config):
     agreement: AgreementConfig = table("how the agreement of two sweeps is measured")
     search: SearchConfig = table("search of a motion without a guess: at the start, after a gap or a bad fit")
     placement: PlacementConfig = table("which registrations are believed")
+
+
+@dataclass(frozen=True)
+class RefinementConfig(Config):
+    """Settings of the refinement of given poses."""
+
+    averaging_s: float = setting("time over which errors of the given poses are averaged", "s", gt=0, le=1000)
+    max_drift_share: float = setting(
+        "part of the path by which odometry drifts at most: given poses that are off by more have another shape",
+        ge=0,
+        le=1,
+    )
+    max_drift_mps: float = setting("drift of the position at most, whatever the speed", "m/s", ge=0, le=10)
+    max_turn_drift_radps: float = setting("drift of the rotation at most", "rad/s", ge=0, le=1)

@@ -73,6 +73,7 @@ def _kiss_config(config: KissIcpConfig) -> KISSConfig:
     kiss = KISSConfig()
     kiss.data.max_range = config.max_range_m
     kiss.mapping.voxel_size = config.voxel_m
+    kiss.registration.convergence_criterion = config.convergence_m
     # One thread: sums over several come in another order each time, and with them other last digits.
     kiss.registration.max_num_threads = 1
     return kiss

@@ -10,7 +10,10 @@ from upvl_cli.perception.odometry.config import KissIcpConfig, StructureConfig
 from upvl_cli.perception.odometry.constant_velocity import compensate_motion
 from upvl_cli.types import Bools, Floats, Ints
 
-_MAP_SHARE, _SOURCE_SHARE = 0.5, 1.5  # voxels of what enters the map and of what is registered (KISS-ICP, III-B)
+_MAP_SHARE, _SOURCE_SHARE = (
+    0.5,
+    1.5,
+)  # voxels of what enters the map and of what is registered (KISS-ICP, III-B)
 
 
 @dataclass(frozen=True)
@@ -71,14 +74,36 @@ def prepare_sweep(
         icp: Range and voxels.
         structure: What counts as upright, and its range.
     """
-    xyz = np.asarray(xyz_ego_m, dtype=np.float64).reshape(-1, 3)
-    range_m2 = (xyz**2).sum(axis=1)
-    cloud = Cloud(xyz, offset_s)[(range_m2 > icp.min_range_m**2) & (range_m2 < icp.max_range_m**2)]
+    cloud = _in_range(xyz_ego_m, offset_s, icp)
     map_points = cloud[first_in_voxels(cloud.xyz_m, icp.voxel_m * _MAP_SHARE)]
     source = map_points[first_in_voxels(map_points.xyz_m, icp.voxel_m * _SOURCE_SHARE)]
-    upright = cloud[find_upright(cloud.xyz_m, structure)]
-    upright = upright[first_in_voxels(upright.xyz_m, structure.voxel_m)]
-    return PreparedSweep(time_s, map_points, source, upright)
+    return PreparedSweep(time_s, map_points, source, _upright(cloud, structure))
+
+
+def prepare_structure(
+    xyz_ego_m: Floats, offset_s: Floats, icp: KissIcpConfig, structure: StructureConfig
+) -> Cloud:
+    """Find the upright structure of a sweep, for poses that are measured and not estimated.
+
+    Args:
+        xyz_ego_m: (n, 3) points in ego axes.
+        offset_s: (n,) when each was measured, after the frame's time; zeros where they are motion-compensated.
+        icp: Range.
+        structure: What counts as upright, and its range.
+    """
+    return _upright(_in_range(xyz_ego_m, offset_s, icp), structure)
+
+
+def _in_range(xyz_ego_m: Floats, offset_s: Floats, icp: KissIcpConfig) -> Cloud:
+    xyz = np.asarray(xyz_ego_m, dtype=np.float64).reshape(-1, 3)
+    range_m2 = (xyz**2).sum(axis=1)
+    near = np.flatnonzero((range_m2 > icp.min_range_m**2) & (range_m2 < icp.max_range_m**2))
+    return Cloud(xyz, offset_s)[near]
+
+
+def _upright(cloud: Cloud, structure: StructureConfig) -> Cloud:
+    upright = cloud[np.flatnonzero(find_upright(cloud.xyz_m, structure))]
+    return upright[first_in_voxels(upright.xyz_m, structure.voxel_m)]
 
 
 def first_in_voxels(xyz_m: Floats, voxel_m: float) -> Ints:

@@ -17,7 +17,7 @@ from upvl_cli.perception.odometry.motion_search import Reach, search_motion
 from upvl_cli.perception.odometry.sweep import PreparedSweep
 from upvl_cli.types import Array, Floats
 
-_MIN_POINTS = 50  # fewer points to register say nothing of six numbers
+MIN_POINTS = 50  # fewer points to register say nothing of six numbers
 _REMEMBERED = 20  # placements whose share of partners is the usual one
 _BASELINE_S = 1.0  # a velocity is averaged over at most so long: a car's changes
 _GAP = 1.8  # a step so many times the usual one is a gap
@@ -73,9 +73,7 @@ class Tracker:
 
     def predict(self, time_s: float) -> Array:
         """Return the (4, 4) pose at a time, by constant velocity from the last placed sweep."""
-        return compose(
-            self._poses[-1][1], motion_over(self._velocity(time_s), time_s - self._poses[-1][0])
-        )
+        return compose(self._poses[-1][1], motion_over(self._velocity(time_s), time_s - self._poses[-1][0]))
 
     def follow(self, sweep: PreparedSweep) -> Placement:
         """Place a sweep by the predicted motion alone, however badly it fits."""
@@ -89,7 +87,7 @@ class Tracker:
         twist, predicted = self._velocity(sweep.time_s), self.predict(sweep.time_s)
         is_gap = bool(self._steps_s) and seconds > _GAP * float(np.median(self._steps_s))
         best: tuple[Array, Agreement] | None = None
-        if len(sweep.source) >= _MIN_POINTS:
+        if len(sweep.source) >= MIN_POINTS:
             best = self._register(sweep, twist, predicted)
             if is_gap or not self._is_usual(predicted, *best, seconds):
                 starts = self._search(sweep, twist, predicted, seconds)
@@ -98,7 +96,7 @@ class Tracker:
                 radius_m = self._config.agreement.partner_m
                 best = min(found, key=lambda each: each[1].error_m2(radius_m), default=None)
                 is_gap = True
-        if best is None or not self._is_believed(best[1]):
+        if best is None or not self._fits(best[1]):
             return Placement(sweep.time_s, predicted, twist, False, False, None)
         return self._place(sweep, predicted, *best, is_bridged=is_gap)
 
@@ -145,17 +143,16 @@ class Tracker:
         return bool(is_near and abs(yaw_of(deviation)) <= reach.turn_rad)
 
     def _is_usual(self, predicted: Array, pose: Array, agreement: Agreement, seconds: float) -> bool:
-        if not self._is_possible(predicted, pose, seconds) or not self._is_believed(agreement):
+        if not self._is_possible(predicted, pose, seconds) or not self._fits(agreement):
             return False
         if not self._shares:
             return True
         usual = self._config.placement.usual_share * float(np.median(self._shares))
         return not agreement.is_measured or agreement.inlier_share >= usual
 
-    def _is_believed(self, agreement: Agreement) -> bool:
-        if not agreement.is_measured:  # as it was all along: where nothing is upright, nothing can be judged
-            return not self._shares
-        return agreement.inlier_share >= self._config.placement.min_inlier_share
+    def _fits(self, agreement: Agreement) -> bool:
+        # Where nothing was upright all along, nothing can be judged.
+        return is_believed(agreement, self._config) and (agreement.is_measured or not self._shares)
 
     def _place(
         self, sweep: PreparedSweep, predicted: Array, pose: Array, agreement: Agreement, *, is_bridged: bool
@@ -176,3 +173,8 @@ class Tracker:
         self._poses.append((sweep.time_s, pose))
         while len(self._poses) > 2 and self._poses[1][0] < sweep.time_s - _BASELINE_S:
             self._poses.popleft()
+
+
+def is_believed(agreement: Agreement, config: LidarOdometryConfig) -> bool:
+    """Whether sweeps agree well enough, as far as upright things tell."""
+    return not agreement.is_measured or agreement.inlier_share >= config.placement.min_inlier_share

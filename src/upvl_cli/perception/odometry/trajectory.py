@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from upvl_cli.types import ParallelArrays, Array, array
+from upvl_cli.types import Array, ParallelArrays, array
 
 
 @dataclass(frozen=True)
