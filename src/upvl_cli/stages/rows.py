@@ -20,7 +20,8 @@ class OdometryRow(Row):
     time_ns: int = column("int64", "time of the sweep, from any fixed origin", "ns")
     world_from_ego: Array = column("float64", "pose of the car", "m", shape=(4, 4))
     is_placed: bool = column(
-        "bool", "the sweep or the data set gave the pose; else it is interpolated between those of other frames"
+        "bool",
+        "the sweep or the data set gave the pose; else it is interpolated between those of other frames",
     )
     residual_m: float = column(
         "float64",
@@ -32,9 +33,12 @@ class OdometryRow(Row):
         "float64", "the same under the poses of the data set, before refinement; NaN where it has none", "m"
     )
     inlier_share: float = column(
-        "float64", "share of the upright points with a partner in the sweep before; NaN where there are too few"
+        "float64",
+        "share of the upright points with a partner in the sweep before; NaN where there are too few",
     )
-    inlier_share_given: float = column("float64", "the same under the poses of the data set, before refinement")
+    inlier_share_given: float = column(
+        "float64", "the same under the poses of the data set, before refinement"
+    )
     position_sigma_m: float = column(
         "float64",
         "standard deviation of the way since the placed frame before, in its worst direction, as the sweeps fix it",

@@ -9,7 +9,6 @@ from itertools import islice
 import numpy as np
 
 from upvl_cli.geometry.se3 import compose, inverse, yaw_of
-from upvl_cli.perception.odometry.agreement import Agreement
 from upvl_cli.perception.odometry.config import LidarOdometryConfig, PathSmoothingConfig
 from upvl_cli.perception.odometry.constant_velocity import motion_over
 from upvl_cli.perception.odometry.interpolation import interpolate, sigmas_of
@@ -18,7 +17,7 @@ from upvl_cli.perception.odometry.start import search_start
 from upvl_cli.perception.odometry.sweep import PreparedSweep
 from upvl_cli.perception.odometry.tracker import Placement, Tracker
 from upvl_cli.perception.odometry.trajectory import Trajectory
-from upvl_cli.types import Array, Bools, Floats
+from upvl_cli.types import Array, Floats
 
 
 def estimate_trajectory(
@@ -46,25 +45,23 @@ def estimate_trajectory(
         world_from_ego=poses,
         is_placed=is_placed,
         is_bridged=np.array([placement.is_bridged for placement in placements], dtype=bool),
-        residual_m=_residuals_m(agreements, registered, poses, is_placed),
+        residual_m=_residuals_m(placements, registered, poses),
         inlier_share=np.array([np.nan if each is None else each.inlier_share for each in agreements]),
         position_sigma_m=sigmas.reshape(-1, 2)[:, 0],
         heading_sigma_rad=sigmas.reshape(-1, 2)[:, 1],
     )
 
 
-def _residuals_m(
-    agreements: Sequence[Agreement | None], registered: Array, poses: Array, is_placed: Bools
-) -> Floats:
+def _residuals_m(placements: Sequence[Placement], registered: Array, poses: Array) -> Floats:
     """Return the (T,) residuals under smoothed poses, from what was measured under the registered ones."""
-    residuals = np.full(len(agreements), np.nan)
-    placed = np.flatnonzero(is_placed)
-    for before, step in zip(placed[:-1], placed[1:], strict=True):
-        agreement = agreements[step]
-        if agreement is not None:
+    residuals = np.full(len(placements), np.nan)
+    step_of = {placement.time_s: step for step, placement in enumerate(placements)}
+    for step, placement in enumerate(placements):
+        if placement.agreement is not None:
+            before = step_of[placement.reference_s]
             was, now = (compose(inverse(each[before]), each[step]) for each in (registered, poses))
             moved = compose(now, inverse(was))
-            residuals[step] = agreement.rmse_m(np.array([*moved[:2, 3], yaw_of(moved)]))
+            residuals[step] = placement.agreement.rmse_m(np.array([*moved[:2, 3], yaw_of(moved)]))
     return residuals
 
 
@@ -72,7 +69,9 @@ def _place_all(sweeps: Iterator[PreparedSweep], config: LidarOdometryConfig) -> 
     """Yield the placement of each sweep; a new start is searched where nothing was placed for long."""
     window = deque(islice(sweeps, config.search.sweeps))
     tracker: Tracker | None = None
-    pose, twist, is_first = np.eye(4), np.zeros(6), True
+    pose: Array = np.eye(4)
+    twist: Floats = np.zeros(6)
+    is_first = True
     while window:
         sweep = window[0]
         if tracker is None:

@@ -20,6 +20,7 @@ from upvl_cli.types import Array, Floats
 MIN_POINTS = 50  # fewer points to register say nothing of six numbers
 _REMEMBERED = 20  # placements whose share of partners is the usual one
 _BASELINE_S = 1.0  # a velocity is averaged over at most so long: a car's changes
+_POOR = 0.5  # a sweep with less than this part of the usual upright points is not what others are judged by
 _GAP = 1.8  # a step so many times the usual one is a gap
 
 
@@ -33,7 +34,8 @@ class Placement:
         twist: (6,) velocity of the car there.
         is_placed: Whether the sweep gave the pose.
         is_bridged: Whether it was placed after a gap in time, or by a new search.
-        agreement: How well it fits the placed sweep before; None where there is none.
+        agreement: How well it fits the sweep that it is compared with; None where there is none.
+        reference_s: Time of that sweep: the last one placed that saw enough.
     """
 
     time_s: float
@@ -42,6 +44,16 @@ class Placement:
     is_placed: bool
     is_bridged: bool
     agreement: Agreement | None
+    reference_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The sweep that the next ones are compared with: its time, (4, 4) pose and upright points."""
+
+    time_s: float
+    world_from_ego: Array
+    structure: Structure
 
 
 class Tracker:
@@ -62,6 +74,8 @@ class Tracker:
         self._map = LocalMap(config.kiss_icp)
         self._twist = twist
         self._poses: deque[tuple[float, Array]] = deque()
+        self._reference: Reference
+        self._sizes: deque[int] = deque(maxlen=_REMEMBERED)
         self._shares: deque[float] = deque(maxlen=_REMEMBERED)
         self._steps_s: deque[float] = deque(maxlen=_REMEMBERED)
         self._commit(first, world_from_ego)
@@ -113,16 +127,16 @@ class Tracker:
     def _register(self, sweep: PreparedSweep, twist: Floats, guess: Array) -> tuple[Array, Agreement]:
         pose = self._map.register(sweep, twist, guess)
         structure = Structure(sweep.structure.compensated(twist))
-        motion = compose(inverse(self._poses[-1][1]), pose)
-        return pose, measure_agreement(self._structure, structure, motion, self._config.agreement)
+        motion = compose(inverse(self._reference.world_from_ego), pose)
+        return pose, measure_agreement(self._reference.structure, structure, motion, self._config.agreement)
 
     def _search(
         self, sweep: PreparedSweep, twist: Floats, predicted: Array, seconds: float
     ) -> Iterator[Array]:
         """Yield guesses of the pose around the predicted one, as far as a car can have gone."""
-        last = self._poses[-1][1]
+        last = self._reference.world_from_ego
         motions = search_motion(
-            self._structure.xyz_m,
+            self._reference.structure.xyz_m,
             sweep.structure.compensated(twist),
             compose(inverse(last), predicted),
             self._reach(seconds),
@@ -164,15 +178,24 @@ class Tracker:
             self._shares.append(agreement.inlier_share)
         if not is_bridged:
             self._map.learn_deviation(predicted, pose)
+        reference_s = self._reference.time_s
         self._commit(sweep, pose)
-        return Placement(sweep.time_s, pose, self._twist, True, is_bridged, agreement)
+        return Placement(sweep.time_s, pose, self._twist, True, is_bridged, agreement, reference_s)
 
     def _commit(self, sweep: PreparedSweep, pose: Array) -> None:
         self._map.add(sweep, self._twist, pose)
-        self._structure = Structure(sweep.structure.compensated(self._twist))
+        self._refer_to(Reference(sweep.time_s, pose, Structure(sweep.structure.compensated(self._twist))))
         self._poses.append((sweep.time_s, pose))
         while len(self._poses) > 2 and self._poses[1][0] < sweep.time_s - _BASELINE_S:
             self._poses.popleft()
+
+    def _refer_to(self, reference: Reference) -> None:
+        """Judge the next sweeps by this one, unless it saw far less than the one before: behind a lorry, say."""
+        self._sizes.append(len(reference.structure))
+        is_poor = len(reference.structure) < _POOR * float(np.median(self._sizes))
+        if is_poor and reference.time_s - self._reference.time_s < self._config.placement.give_up_s:
+            return
+        self._reference = reference
 
 
 def is_believed(agreement: Agreement, config: LidarOdometryConfig) -> bool:
