@@ -116,9 +116,7 @@ def test_sweeps_are_compensated_for_the_motion_during_them() -> None:
             measured[part] = at_once[part] @ moved[:3, :3].T + moved[:3, 3]
         sweeps.append(prepared(measured, time_s, offset_s))
     found = estimate_trajectory(sweeps, LIDAR, UNSMOOTHED)
-    np.testing.assert_allclose(
-        found.world_from_ego[:, :3, 3], truth(pose, TENTHS_S)[:, :3, 3], atol=0.15
-    )
+    np.testing.assert_allclose(found.world_from_ego[:, :3, 3], truth(pose, TENTHS_S)[:, :3, 3], atol=0.15)
     blind = [replace(sweep, **without_times(sweep)) for sweep in sweeps]
     assert np.nanmean(estimate_trajectory(blind, LIDAR, UNSMOOTHED).residual_m) > np.nanmean(found.residual_m)
 

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
-from upvl_cli.geometry.se3 import apply, inverse
+from upvl_cli.geometry.se3 import apply, compose, from_yaw, inverse
 from upvl_cli.perception.odometry.config import AgreementConfig
 from upvl_cli.types import Array, Floats
 
@@ -17,6 +17,9 @@ _Z_SCALE = 0.1
 _NEIGHBORS = 6  # points that give the normal of a surface
 _MIN_PAIRS = 20  # fewer say nothing of three numbers
 _MIN_SIGMA_M = 0.01  # noise of a LiDAR's range that no residual goes below
+_STEPS = 8  # of Gauss-Newton at most
+_CONVERGED_M = 0.002  # a fifth of what the fit leaves open
+_LEVER_M = 20.0  # a turn counts by how far it moves points at this distance
 _ABREAST = (
     10.0  # neighboring points share their error: so many count as one (calibrated by bench/odometry.py)
 )
@@ -113,6 +116,45 @@ def measure_agreement(
     if paired.sum() < _MIN_PAIRS:
         return Agreement(share, float("nan"), np.zeros(3), np.zeros((3, 3)), 0)
     return _fit(moved[paired, :2], target.xyz_m[nearest[paired], :2], share)
+
+
+def align_structure(
+    target: Structure,
+    source: Structure,
+    target_from_source: Array,
+    config: AgreementConfig,
+    guess_sigma_m: float,
+) -> Array:
+    """Return the motion under which two sweeps agree best: Gauss-Newton over x, y and yaw, point to plane.
+
+    Chen and Medioni, Object modelling by registration of multiple range images, 1992. The road takes no part: its
+    rings pull every motion towards none while a map holds few sweeps.
+
+    Args:
+        target: The sweep before.
+        source: The sweep.
+        target_from_source: (4, 4) first guess of the motion between them.
+        config: Radius and how many points are compared.
+        guess_sigma_m: Standard deviation of the guess, which takes part as a measurement.
+    """
+    motion = target_from_source
+    if len(target) < _NEIGHBORS or len(source) < _NEIGHBORS:
+        return motion
+    points, total = _sample(source.xyz_m, config.points), np.zeros(3)
+    for _ in range(_STEPS):
+        moved = apply(motion, points)
+        distance, nearest = target.tree.query(_scaled(moved), k=_NEIGHBORS)
+        paired = distance[:, 0] <= config.partner_m
+        if paired.sum() < _MIN_PAIRS:
+            break
+        fit = _fit(moved[paired, :2], target.xyz_m[nearest[paired], :2], 1.0)
+        prior = np.diag([1.0, 1.0, _LEVER_M**2]) / guess_sigma_m**2 * fit.squares_m2 * _ABREAST / fit.pairs
+        step = -np.linalg.solve(fit.hessian + prior, fit.gradient + prior @ total)
+        total = total + step
+        motion = compose(from_yaw(step[2], np.array([step[0], step[1], 0.0])), motion)
+        if np.abs(step * [1.0, 1.0, _LEVER_M]).max() < _CONVERGED_M:
+            break
+    return motion
 
 
 def _fit(xy_m: Floats, around_xy_m: Floats, share: float) -> Agreement:

@@ -96,6 +96,25 @@ class PlacementConfig(Config):
 
 
 @dataclass(frozen=True)
+class AlignmentConfig(Config):
+    """Settings of the alignment of upright things, which corrects the registration to the map."""
+
+    registration_sigma_m: float = setting(
+        "standard deviation of the registration to the map, beside the alignment's own", "m", gt=0, le=10
+    )
+    young_sweeps: int = setting(
+        "a map of fewer sweeps does not count beside the alignment: rings of the road pull it to no motion",
+        ge=0,
+        le=1000,
+    )
+    reference_m: float = setting(
+        "sweeps are aligned with the same one until the car is so far away", "m", ge=0, le=100
+    )
+    reference_rad: float = setting("or has turned by this", "rad", ge=0, le=3.1416)
+    reference_s: float = setting("or so long has passed", "s", ge=0, le=100)
+
+
+@dataclass(frozen=True)
 class PathSmoothingConfig(Config):
     """Settings of the smoothing of an estimated path."""
 
@@ -115,6 +134,7 @@ class LidarOdometryConfig(Config):
     kiss_icp: KissIcpConfig = table("registration to a local map by KISS-ICP")
     structure: StructureConfig = table("upright structure, by which motions are searched and judged")
     agreement: AgreementConfig = table("how the agreement of two sweeps is measured")
+    alignment: AlignmentConfig = table("alignment of upright things, beside the registration")
     search: SearchConfig = table("search of a motion without a guess: at the start, after a gap or a bad fit")
     placement: PlacementConfig = table("which registrations are believed")
 

@@ -7,9 +7,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from upvl_cli.geometry.se3 import compose, inverse, yaw_of
-from upvl_cli.perception.odometry.agreement import Agreement, Structure, measure_agreement
+from upvl_cli.perception.odometry.agreement import Agreement, Structure, align_structure, measure_agreement
 from upvl_cli.perception.odometry.config import LidarOdometryConfig
 from upvl_cli.perception.odometry.constant_velocity import motion_over, velocity_between
 from upvl_cli.perception.odometry.local_map import LocalMap
@@ -21,6 +22,7 @@ MIN_POINTS = 50  # fewer points to register say nothing of six numbers
 _REMEMBERED = 20  # placements whose share of partners is the usual one
 _BASELINE_S = 1.0  # a velocity is averaged over at most so long: a car's changes
 _POOR = 0.5  # a sweep with less than this part of the usual upright points is not what others are judged by
+_NO_GUESS_M = 10.0  # standard deviation of a guess that says nothing
 _GAP = 1.8  # a step so many times the usual one is a gap
 
 
@@ -75,6 +77,7 @@ class Tracker:
         self._twist = twist
         self._poses: deque[tuple[float, Array]] = deque()
         self._reference: Reference
+        self._map_sweeps = 0
         self._sizes: deque[int] = deque(maxlen=_REMEMBERED)
         self._shares: deque[float] = deque(maxlen=_REMEMBERED)
         self._steps_s: deque[float] = deque(maxlen=_REMEMBERED)
@@ -128,6 +131,13 @@ class Tracker:
         pose = self._map.register(sweep, twist, guess)
         structure = Structure(sweep.structure.compensated(twist))
         motion = compose(inverse(self._reference.world_from_ego), pose)
+        is_young = self._map_sweeps < self._config.alignment.young_sweeps
+        sigma_m = _NO_GUESS_M if is_young else self._config.alignment.registration_sigma_m
+        motion = align_structure(
+            self._reference.structure, structure, motion, self._config.agreement, sigma_m
+        )
+        pose = compose(self._reference.world_from_ego, motion)
+        pose[:3, :3] = Rotation.from_matrix(pose[:3, :3]).as_matrix()  # rounding errors would add up
         return pose, measure_agreement(self._reference.structure, structure, motion, self._config.agreement)
 
     def _search(
@@ -183,6 +193,7 @@ class Tracker:
         return Placement(sweep.time_s, pose, self._twist, True, is_bridged, agreement, reference_s)
 
     def _commit(self, sweep: PreparedSweep, pose: Array) -> None:
+        self._map_sweeps += 1
         self._map.add(sweep, self._twist, pose)
         self._refer_to(Reference(sweep.time_s, pose, Structure(sweep.structure.compensated(self._twist))))
         self._poses.append((sweep.time_s, pose))
@@ -195,7 +206,19 @@ class Tracker:
         is_poor = len(reference.structure) < _POOR * float(np.median(self._sizes))
         if is_poor and reference.time_s - self._reference.time_s < self._config.placement.give_up_s:
             return
+        if len(self._sizes) > 1 and self._is_beside(reference):
+            return
         self._reference = reference
+
+    def _is_beside(self, reference: Reference) -> bool:
+        """Whether the car has hardly moved since the reference: steps against one sweep do not drift."""
+        alignment = self._config.alignment
+        moved = compose(inverse(self._reference.world_from_ego), reference.world_from_ego)
+        return bool(
+            np.linalg.norm(moved[:3, 3]) < alignment.reference_m
+            and abs(yaw_of(moved)) < alignment.reference_rad
+            and reference.time_s - self._reference.time_s < alignment.reference_s
+        )
 
 
 def is_believed(agreement: Agreement, config: LidarOdometryConfig) -> bool:
