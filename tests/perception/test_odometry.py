@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from perception.still_scene import (
     LIDAR,
     UNSMOOTHED,
@@ -19,7 +20,6 @@ from perception.still_scene import (
     prepared,
     truth,
 )
-
 from upvl_cli.perception.odometry.lidar_odometry import estimate_trajectory
 
 TENTHS_S = np.arange(6) / 10
@@ -45,7 +45,7 @@ def test_known_poses_come_back(speed_mps: float, times_s: np.ndarray) -> None:
 
 
 def test_axes_that_are_turned_change_nothing_but_the_axes() -> None:
-    """y forward: the motion is searched in all directions."""
+    """Y forward: the motion is searched in all directions."""
     turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     pose = gentle_bend(25.0)
     sweeps = [prepared(points_at(pose(time_s)) @ turn.T, time_s) for time_s in TENTHS_S.tolist()]

@@ -25,8 +25,8 @@ class OdometryRow(Row):
     )
     residual_m: float = column(
         "float64",
-        "root mean square distance of upright points from the surfaces of the sweep before under the poses, of those "
-        "that have a partner there; NaN where nothing could be compared",
+        "root mean square distance of upright points from the surfaces of a sweep shortly before under the poses, of "
+        "those that have a partner there; NaN where nothing could be compared",
         "m",
     )
     residual_given_m: float = column(
@@ -34,14 +34,14 @@ class OdometryRow(Row):
     )
     inlier_share: float = column(
         "float64",
-        "share of the upright points with a partner in the sweep before; NaN where there are too few",
+        "share of the upright points with a partner in a sweep shortly before; NaN where too few",
     )
     inlier_share_given: float = column(
         "float64", "the same under the poses of the data set, before refinement"
     )
     position_sigma_m: float = column(
         "float64",
-        "standard deviation of the way since the placed frame before, in its worst direction, as the sweeps fix it",
+        "standard deviation of the way since that sweep, in its worst direction, as the sweeps fix it",
         "m",
     )
     heading_sigma_rad: float = column(

@@ -10,11 +10,12 @@ from scipy.spatial import cKDTree
 
 from upvl_cli.geometry.se3 import apply, compose, from_yaw, inverse
 from upvl_cli.perception.odometry.config import AgreementConfig
-from upvl_cli.types import Array, Floats
+from upvl_cli.types import Array, Floats, Ints
 
 # Rings of a LiDAR with few beams are metres apart on a wall: a partner may lie higher or lower than it may lie aside.
 _Z_SCALE = 0.1
-_NEIGHBORS = 6  # points that give the normal of a surface
+_NEIGHBORS = 4  # points whose mean is the place of the surface
+_NORMAL_CELL_M = 1.0  # noise of 2 cm turns the normal of so long a piece of wall by a degree
 _MIN_PAIRS = 20  # fewer say nothing of three numbers
 _MIN_SIGMA_M = 0.01  # noise of a LiDAR's range that no residual goes below
 _STEPS = 8  # of Gauss-Newton at most
@@ -39,6 +40,18 @@ class Structure:
     def tree(self) -> cKDTree:
         """Tree over the points, heights scaled down."""
         return cKDTree(_scaled(self.xyz_m))
+
+    @cached_property
+    def normals(self) -> Floats:
+        """(n, 2) horizontal normal of the surface at each point: across the most variance in its cell of the plan."""
+        xy = self.xyz_m[:, :2]
+        _, cell = np.unique(np.floor(xy / _NORMAL_CELL_M).astype(np.int64) @ [2**20, 1], return_inverse=True)
+        weight = np.bincount(cell)
+        center = np.stack([np.bincount(cell, weights=axis) / weight for axis in xy.T], axis=1)
+        x, y = (xy - center[cell]).T
+        xx, yy, cross = (np.bincount(cell, weights=each) for each in (x * x, y * y, x * y))
+        angle = 0.5 * np.arctan2(2 * cross, xx - yy) + np.pi / 2
+        return np.stack([np.cos(angle), np.sin(angle)], axis=1)[cell]
 
 
 @dataclass(frozen=True)
@@ -115,7 +128,7 @@ def measure_agreement(
     share = float((paired.mean() + (back_distance <= config.partner_m).mean()) / 2)
     if paired.sum() < _MIN_PAIRS:
         return Agreement(share, float("nan"), np.zeros(3), np.zeros((3, 3)), 0)
-    return _fit(moved[paired, :2], target.xyz_m[nearest[paired], :2], share)
+    return _fit(moved[paired, :2], target, nearest[paired], share)
 
 
 def align_structure(
@@ -147,7 +160,7 @@ def align_structure(
         paired = distance[:, 0] <= config.partner_m
         if paired.sum() < _MIN_PAIRS:
             break
-        fit = _fit(moved[paired, :2], target.xyz_m[nearest[paired], :2], 1.0)
+        fit = _fit(moved[paired, :2], target, nearest[paired], 1.0)
         prior = np.diag([1.0, 1.0, _LEVER_M**2]) / guess_sigma_m**2 * fit.squares_m2 * _ABREAST / fit.pairs
         step = -np.linalg.solve(fit.hessian + prior, fit.gradient + prior @ total)
         total = total + step
@@ -157,15 +170,10 @@ def align_structure(
     return motion
 
 
-def _fit(xy_m: Floats, around_xy_m: Floats, share: float) -> Agreement:
-    """Return the least-squares model of distances from points (n, 2) to the lines through (n, k, 2) neighbors."""
-    center = around_xy_m.mean(axis=1)
-    spread = around_xy_m - center[:, None]
-    xx, yy = (spread**2).sum(axis=1).T
-    xy = (spread[..., 0] * spread[..., 1]).sum(axis=1)
-    angle = 0.5 * np.arctan2(2 * xy, xx - yy) + np.pi / 2  # across the axis of most variance
-    normal = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    away = ((xy_m - center) * normal).sum(axis=1)
+def _fit(xy_m: Floats, target: Structure, nearest: Ints, share: float) -> Agreement:
+    """Return the least-squares model of distances from points (n, 2) to the lines through (n, k) target points."""
+    anchor, normal = target.xyz_m[nearest, :2].mean(axis=1), target.normals[nearest[:, 0]]
+    away = ((xy_m - anchor) * normal).sum(axis=1)
     lever = xy_m[:, 0] * normal[:, 1] - xy_m[:, 1] * normal[:, 0]
     columns = np.column_stack([normal, lever])
     total = len(away)

@@ -15,9 +15,10 @@ class Trajectory(ParallelArrays):
         world_from_ego: (T, 4, 4) poses.
         is_placed: (T,) whether the sweep itself gave the pose; others are interpolated.
         is_bridged: (T,) whether it was placed after a gap in time, or by a new search.
-        residual_m: (T,) root mean square distance of upright points from the surfaces of the sweep before.
-        inlier_share: (T,) share of the upright points with a partner in the sweep before.
-        position_sigma_m: (T,) standard deviation of the step from the placed frame before, in its worst direction.
+        residual_m: (T,) root mean square distance of upright points from the surfaces of a sweep shortly
+            before.
+        inlier_share: (T,) share of the upright points with a partner there.
+        position_sigma_m: (T,) standard deviation of the way since that sweep, in its worst direction.
         heading_sigma_rad: (T,) standard deviation of the turn since then.
     """
 
