@@ -40,7 +40,8 @@ def drive(
         state = np.full(total, NO_VIEW if feature is None else SEEN, np.int8)
         codes = np.zeros((0, COMPONENTS), np.int8) if feature is None else np.repeat(feature, 2, axis=0)
         sweeps[frame] = xyz
-        tables["odometry"].append(OdometryRow(SEGMENT, frame, round(time_s * 1e9), pose))
+        measured = (True, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0)
+        tables["odometry"].append(OdometryRow(SEGMENT, frame, round(time_s * 1e9), pose, *measured))
         tables["flow"].append(FlowRow(SEGMENT, frame, np.tile([6.0, 0, 0], (total, 1))))
         tables["ground"].append(GroundRow(SEGMENT, frame, xyz[:, 2], is_ground))
         values = {"is_moving": np.ones(total, bool), "background": np.zeros(total, np.int8)} | changes

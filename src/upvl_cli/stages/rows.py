@@ -15,10 +15,38 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class OdometryRow(Row):
-    """Time and pose of one frame."""
+    """Time and pose of one frame, and how well the sweeps agree with it."""
 
     time_ns: int = column("int64", "time of the sweep, from any fixed origin", "ns")
     world_from_ego: Array = column("float64", "pose of the car", "m", shape=(4, 4))
+    is_placed: bool = column(
+        "bool",
+        "the sweep or the data set gave the pose; else it is interpolated between those of other frames",
+    )
+    residual_m: float = column(
+        "float64",
+        "root mean square distance of upright points from the surfaces of a sweep shortly before under the poses, of "
+        "those that have a partner there; NaN where nothing could be compared",
+        "m",
+    )
+    residual_given_m: float = column(
+        "float64", "the same under the poses of the data set, before refinement; NaN where it has none", "m"
+    )
+    inlier_share: float = column(
+        "float64",
+        "share of the upright points with a partner in a sweep shortly before; NaN where too few",
+    )
+    inlier_share_given: float = column(
+        "float64", "the same under the poses of the data set, before refinement"
+    )
+    position_sigma_m: float = column(
+        "float64",
+        "standard deviation of the way since that sweep, in its worst direction, as the sweeps fix it",
+        "m",
+    )
+    heading_sigma_rad: float = column(
+        "float64", "standard deviation of the turn since then, as the sweeps fix it", "rad"
+    )
 
 
 @dataclass(frozen=True)

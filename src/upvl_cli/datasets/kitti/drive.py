@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Literal
@@ -88,17 +88,31 @@ class KittiDrive:
         Raises:
             BadInput: There is no such frame, or its file is damaged.
         """
+        points, offset_s = self._read(frame)
+        return replace(points, xyz_ego_m=self._untwist(frame, points.xyz_ego_m, offset_s))
+
+    def measured_points(self, frame: int) -> Points | None:
+        """Return the sweep of a frame with each point where it was measured; None where the files do not hold that.
+
+        Raises:
+            BadInput: There is no such frame, or its file is damaged.
+        """
+        return None if self.is_compensated else self._read(frame)[0]
+
+    def _read(self, frame: int) -> tuple[Points, Array]:
+        """Return the sweep of a frame as its file has it, and the seconds after the frame's time of each point."""
         rows, self.skipped_points[frame] = read_sweep(of_frame(self.name, self.sweeps, frame))
         values = without_car(rows, self.vehicle)
         xyz_ego_m, total = np.ascontiguousarray(values[:, :3]), len(values)
         offset_s = kitti_twist.offsets_s(xyz_ego_m, turn_s=self.turn_s)
-        return Points(
-            xyz_ego_m=self._untwist(frame, xyz_ego_m, offset_s),
+        points = Points(
+            xyz_ego_m=xyz_ego_m,
             intensity=reflectance(values, self.vehicle),
             elongation=np.zeros(total, np.float32),
             sensor=np.zeros(total, np.uint8),
             time_offset_ns=offset_s * 1e9,
         )
+        return points, offset_s
 
     def untwist(self, frame: int, xyz_ego_m: Array) -> Array:
         """Return places that the turning LiDAR saw, as from where the car stood at the frame's time.

@@ -58,9 +58,7 @@ class ParquetDrive:
         Raises:
             BadInput: There is no such frame, or its row is damaged.
         """
-        step = of_frame(self.name, self._steps, frame)
-        points, without_place = self.table.read(step)
-        self.skipped_points[frame] = {NO_RETURN: without_place}
+        step, points = self._read(frame)
         if self.table.is_compensated or self.world_from_ego is None or not points.time_offset_ns.any():
             return points
         near = slice(max(step - 1, 0), step + 2)
@@ -69,6 +67,21 @@ class ParquetDrive:
             points.xyz_ego_m, points.time_offset_ns, step - near.start, times_ns, self.world_from_ego[near]
         )
         return replace(points, xyz_ego_m=moved)
+
+    def measured_points(self, frame: int) -> Points | None:
+        """Return the sweep of a frame with each point where it was measured; None where the file does not hold that.
+
+        Raises:
+            BadInput: There is no such frame, or its row is damaged.
+        """
+        return None if self.table.is_compensated else self._read(frame)[1]
+
+    def _read(self, frame: int) -> tuple[int, Points]:
+        """Return the number of a frame in the drive, and its sweep as the file has it."""
+        step = of_frame(self.name, self._steps, frame)
+        points, without_place = self.table.read(step)
+        self.skipped_points[frame] = {NO_RETURN: without_place}
+        return step, points
 
     def image(self, frame: int, camera: str) -> Image | None:
         """Return the picture of a camera, or None where it is missing.

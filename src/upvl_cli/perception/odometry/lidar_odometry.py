@@ -1,57 +1,93 @@
-"""LiDAR odometry: the pose of the car at each sweep, from the sweeps alone, by KISS-ICP."""
+"""LiDAR odometry: the pose of the car at each sweep, from the sweeps alone."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import islice
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from upvl_cli.perception.odometry.config import KissIcpConfig
+from upvl_cli.geometry.se3 import compose, inverse, yaw_of
+from upvl_cli.perception.odometry.config import LidarOdometryConfig, PathSmoothingConfig
+from upvl_cli.perception.odometry.constant_velocity import motion_over
+from upvl_cli.perception.odometry.interpolation import interpolate, sigmas_of
+from upvl_cli.perception.odometry.smoothing import smooth_path
+from upvl_cli.perception.odometry.start import search_start
+from upvl_cli.perception.odometry.sweep import PreparedSweep
+from upvl_cli.perception.odometry.tracker import Placement, Tracker
+from upvl_cli.perception.odometry.trajectory import Trajectory
 from upvl_cli.types import Array, Floats
 
-if TYPE_CHECKING:
-    from kiss_icp.config import KISSConfig
 
+def estimate_trajectory(
+    sweeps: Iterable[PreparedSweep], config: LidarOdometryConfig, smoothing: PathSmoothingConfig
+) -> Trajectory:
+    """Estimate the pose of each sweep; the first sweep's axes are the world's.
 
-def estimate_poses(sweeps: Iterable[Floats], config: KissIcpConfig) -> Array:
-    """Estimate (T, 4, 4) world_from_ego of each sweep; the first sweep's axes are the world's.
-
-    KISS-ICP (Vizzo et al., "In Defense of Point-to-Point ICP", RA-L 2023), without motion compensation: the
-    sweeps are taken as they are. It predicts that the car stands at first, so that the first step of a moving
-    car comes out too short: so it is run twice over the first sweeps, the second time with the speed found.
+    Registration is KISS-ICP's; the motion is predicted by time. At the start, after a gap and where a registration
+    fits badly or is no motion of a car, motions are searched without a guess. A sweep that fits nowhere is not placed:
+    its pose is interpolated between those that are.
 
     Args:
-        sweeps: (n, 3) points of each sweep in ego axes, in order of time.
+        sweeps: The sweeps in order of time; a few are held at a time.
         config: The method's settings.
+        smoothing: Smoothing of the positions.
     """
-    from kiss_icp.config import KISSConfig
+    placements = interpolate(list(_place_all(iter(sweeps), config)))
+    registered = np.array([placement.world_from_ego for placement in placements]).reshape(-1, 4, 4)
+    time_s = np.array([placement.time_s for placement in placements])
+    is_placed = np.array([placement.is_placed for placement in placements], dtype=bool)
+    poses = smooth_path(registered, time_s, is_placed, smoothing)
+    agreements = [placement.agreement for placement in placements]
+    sigmas = np.array([sigmas_of(placements, step, config.placement) for step in range(len(placements))])
+    return Trajectory(
+        world_from_ego=poses,
+        is_placed=is_placed,
+        is_bridged=np.array([placement.is_bridged for placement in placements], dtype=bool),
+        residual_m=_residuals_m(placements, registered, poses),
+        inlier_share=np.array([np.nan if each is None else each.inlier_share for each in agreements]),
+        position_sigma_m=sigmas.reshape(-1, 2)[:, 0],
+        heading_sigma_rad=sigmas.reshape(-1, 2)[:, 1],
+    )
 
-    kiss = KISSConfig()
-    kiss.data.deskew = False
-    kiss.data.min_range = config.min_range_m
-    kiss.data.max_range = config.max_range_m
-    kiss.mapping.voxel_size = config.voxel_m
-    # One thread: sums over several come in another order each time, and with them other last digits.
-    kiss.registration.max_num_threads = 1
-    rest = iter(sweeps)
-    first = list(islice(rest, config.warm_up_sweeps))
-    warm = _register(first, kiss, np.eye(4))
-    step = np.linalg.inv(warm[-2]) @ warm[-1] if len(warm) > 1 else np.eye(4)
-    kiss.adaptive_threshold.initial_threshold = config.initial_threshold_m
-    return _register((sweep for part in (first, rest) for sweep in part), kiss, step)
+
+def _residuals_m(placements: Sequence[Placement], registered: Array, poses: Array) -> Floats:
+    """Return the (T,) residuals under smoothed poses, from what was measured under the registered ones."""
+    residuals = np.full(len(placements), np.nan)
+    step_of = {placement.time_s: step for step, placement in enumerate(placements)}
+    for step, placement in enumerate(placements):
+        if placement.agreement is not None:
+            before = step_of[placement.reference_s]
+            was, now = (compose(inverse(each[before]), each[step]) for each in (registered, poses))
+            moved = compose(now, inverse(was))
+            residuals[step] = placement.agreement.rmse_m(np.array([*moved[:2, 3], yaw_of(moved)]))
+    return residuals
 
 
-def _register(sweeps: Iterable[Floats], kiss: KISSConfig, step: Array) -> Array:
-    """Return the pose of each sweep, where `step` is the motion that is predicted after the first sweep."""
-    from kiss_icp.kiss_icp import KissICP
-
-    filter_ = KissICP(kiss)
-    poses: list[Array] = []
-    for sweep in sweeps:
-        filter_.register_frame(np.asarray(sweep, dtype=np.float64), np.zeros(0))
-        if not poses:
-            filter_.last_delta = step
-        poses.append(filter_.last_pose.copy())
-    return np.array(poses).reshape(-1, 4, 4)
+def _place_all(sweeps: Iterator[PreparedSweep], config: LidarOdometryConfig) -> Iterator[Placement]:
+    """Yield the placement of each sweep; a new start is searched where nothing was placed for long."""
+    window = deque(islice(sweeps, config.search.sweeps))
+    tracker: Tracker | None = None
+    pose: Array = np.eye(4)
+    twist: Floats = np.zeros(6)
+    is_first = True
+    while window:
+        sweep = window[0]
+        if tracker is None:
+            start = search_start(list(window), [twist], config) if len(window) > 1 else None
+            if start is not None:
+                tracker, twist = Tracker(sweep, pose, start, config), start
+            is_alone = is_first and len(window) == 1  # a drive of one sweep: nothing can contradict its pose
+            yield Placement(sweep.time_s, pose, twist, is_alone or start is not None, False, None)
+        else:
+            placement = tracker.place(sweep)
+            pose, twist = placement.world_from_ego, placement.twist
+            yield placement
+            if sweep.time_s - tracker.last_time_s > config.placement.give_up_s:
+                tracker = None
+        is_first = False
+        window.popleft()
+        window.extend(islice(sweeps, 1))
+        if tracker is None and window:
+            pose = compose(pose, motion_over(twist, window[0].time_s - sweep.time_s))
