@@ -112,7 +112,9 @@ def write_drive(root: Path, number: int, frames: int, points: int) -> str:
             _link(folder / f"image_02/data/{frame:010d}.png", source / "picture.png")
         longitude = LONGITUDE_DEG + np.rad2deg(frame * STEP_M / turn_m)
         record = [LATITUDE_DEG, longitude, 116.0, *[0.0] * 27]
-        (folder / f"oxts/data/{frame:010d}.txt").write_text(" ".join(repr(float(value)) for value in record) + "\n")
+        (folder / f"oxts/data/{frame:010d}.txt").write_text(
+            " ".join(repr(float(value)) for value in record) + "\n"
+        )
     return folder.name
 
 

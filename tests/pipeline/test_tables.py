@@ -92,7 +92,9 @@ def test_any_frame_is_found_in_any_order(tmp_path: Path, kind: type[Row]) -> Non
             table[missing]
 
 
-def test_a_shard_with_a_row_group_a_frame_is_read_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_shard_with_a_row_group_a_frame_is_read_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(tables, "GROUP_FRAMES", 1)
     save(tmp_path / "drive.parquet", *(thing(frame, frame) for frame in range(5)))
     assert groups_of(tmp_path / "drive.parquet") == [1] * 5

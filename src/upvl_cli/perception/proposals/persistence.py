@@ -17,7 +17,6 @@ from upvl_cli.perception.proposals.config import PersistenceConfig
 from upvl_cli.perception.voxels import voxelize
 from upvl_cli.types import Bools, Floats
 
-
 _ROUNDING_S = 1e-6  # far below the time between sweeps
 
 
