@@ -11,7 +11,7 @@ from upvl_cli.perception.background.config import PlaceMemoryConfig, ShapeClassi
 from upvl_cli.perception.background.masks import UNKNOWN
 from upvl_cli.perception.background.place_memory import PlaceMemory, PlaceSums
 from upvl_cli.perception.background.shape_classifier import ShapeClassifier, ShapeFeatures, training_samples
-from upvl_cli.perception.background.windows import overlapping_windows
+from upvl_cli.perception.windows import overlapping_windows
 from upvl_cli.types import Array, Bools, Floats, Ints
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from upvl_cli.perception.background.windows import overlapping_windows
+from upvl_cli.perception.windows import overlapping_windows
 
 
 @pytest.mark.parametrize("duration_s", [0.0, 9.9, 10.0, 10.1, 15.0, 15.1, 63.7, 400.0])
