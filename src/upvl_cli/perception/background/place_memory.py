@@ -84,7 +84,8 @@ class PlaceSums:
         return PlaceMemory(cKDTree(centroid), sums[:, 5] / np.maximum(sums[:, 4], 1), self._config)
 
     def _merge(self) -> None:
-        cell, sums = (np.concatenate(parts) for parts in zip(*self._parts, strict=True))
+        cell: Ints = np.concatenate([cells for cells, _ in self._parts])
+        sums: Floats = np.concatenate([part for _, part in self._parts])
         number = number_in_order(row_keys(cell))
         total = int(number.max(initial=-1)) + 1
         # Added up in the order of the sweeps: the same bits whenever it is done.

@@ -126,7 +126,7 @@ class ShapeClassifier:
         from sklearn.ensemble import HistGradientBoostingClassifier
 
         step = max(1, -(-sum(len(state) for _, state in samples) // config.max_samples))
-        chosen = [(np.zeros((0, FEATURES), np.float32), np.zeros(0, np.int8))]
+        chosen: list[tuple[Floats, Ints]] = [(np.zeros((0, FEATURES), np.float32), np.zeros(0, np.int8))]
         skipped = 0  # samples of a sweep before the first that is chosen
         for part, part_state in samples:
             chosen.append((part[skipped::step], part_state[skipped::step]))

@@ -100,8 +100,10 @@ class _TrackNumbers:
     def __init__(self) -> None:
         """Start without any track."""
         self._total = 0
-        self._box = np.zeros(0, np.int64)  # boxes of the window before, counted through the drive, ascending
-        self._number = np.zeros(0, np.int64)  # and the track of each
+        self._box: Ints = np.zeros(
+            0, np.int64
+        )  # boxes of the window before, counted through the drive, ascending
+        self._number: Ints = np.zeros(0, np.int64)  # and the track of each
 
     def of_window(self, tracks: Tracks, window: Window, boxes_before: int) -> Ints:
         """Return (n,) number of the track of each row of a window; -1 for one that a later window will number.
