@@ -89,7 +89,7 @@ class PlaceSums:
         number = number_in_order(row_keys(cell))
         total = int(number.max(initial=-1)) + 1
         # Added up in the order of the sweeps: the same bits whenever it is done.
-        merged = np.stack([np.bincount(number, column, total) for column in sums.T], axis=1)
+        merged: Floats = np.stack([np.bincount(number, column, total) for column in sums.T], axis=1)
         first = np.zeros(total, dtype=np.int64)
         first[number[::-1]] = np.arange(len(number))[::-1]
         self._parts = [(cell[first], merged)]
