@@ -41,10 +41,10 @@ STAMP_KEY = b"upvl.stamp"
 COUNTS_KEY = b"upvl.counts"
 FRAMES_KEY = b"upvl.frames"
 CONTENT_KEY = b"upvl.content"
-# A row group is read whole. 16 frames of boxes are some kilobytes, and 4 000 frames 250 groups; a megabyte is one
-# frame of the features of points, or four of their heights.
+# A row group is read whole. 16 frames of boxes are some kilobytes, and 4 000 frames 250 groups; two megabytes are two
+# frames of the features of points, or eight of their heights.
 GROUP_FRAMES = 16
-GROUP_BYTES = 2**20
+GROUP_BYTES = 2**21
 
 R = TypeVar("R", bound=Row)
 FrameEntry = tuple[int, int, dict[str, object]]  # its number, how many rows of the table it has, its scalars
@@ -159,9 +159,9 @@ class Table(Generic[R]):
         self._group_start = np.concatenate([[0], np.cumsum(groups, dtype=np.int64)])
         self._segment = path.stem
         self._lock = threading.Lock()  # a Parquet file has one reading position
-        # As many frames are worked on at a time as there are threads, and each may be of another group.
         self._held: OrderedDict[int, pa.Table] = OrderedDict()
-        self._max_held = threads() + 1
+        # As many consecutive frames are worked on at a time as there are threads, and one waits.
+        self._max_held = 1 + -(-(threads() + 1) * len(groups) // max(len(footer.frames), 1))
 
     @property
     def frames(self) -> tuple[int, ...]:
