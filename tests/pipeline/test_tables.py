@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pyarrow as pa
@@ -28,8 +28,20 @@ class ThingRow(Row):
     is_far: Array = column("bool", "far", per="point")
 
 
+@dataclass(frozen=True)
+class BoxesRow(Row):
+    per_box: ClassVar[bool] = True
+
+    time_ns: int = column("int64", "time")
+    center_m: Array = column("float64", "center", per="box", names=("x_m", "y_m"))
+
+
+def boxes(frame: int, total: int) -> BoxesRow:
+    return BoxesRow("drive", frame, 10 * frame, np.arange(total * 2.0).reshape(total, 2) + frame)
+
+
 def thing(frame: int, points: int) -> ThingRow:
-    flow = np.arange(points * 3, dtype=np.float32).reshape(points, 3)
+    flow = (np.arange(points * 3, dtype=np.float32) % 2048).reshape(points, 3)
     return ThingRow("drive", frame, 10 * frame, np.eye(2) * frame, flow, np.arange(points) % 2 == 0)
 
 
@@ -49,10 +61,54 @@ def test_a_row_comes_back_as_it_was(tmp_path: Path, points: int) -> None:
     assert row.flow_mps.dtype == np.float16
 
 
-def test_one_row_group_a_frame(tmp_path: Path) -> None:
-    save(tmp_path / "drive.parquet", thing(1, 2), thing(2, 3))
-    assert Table(tmp_path / "drive.parquet", ThingRow).frames == (1, 2)
-    assert pa.parquet.read_metadata(tmp_path / "drive.parquet").num_row_groups == 2
+def groups_of(path: Path) -> list[int]:
+    """How many rows of the table each row group has."""
+    metadata = pa.parquet.read_metadata(path)
+    return [metadata.row_group(number).num_rows for number in range(metadata.num_row_groups)]
+
+
+def test_frames_share_row_groups_and_large_ones_do_not(tmp_path: Path) -> None:
+    """Whoever opens a shard holds its footer: with a row group a frame it would grow with the drive."""
+    save(tmp_path / "small.parquet", *(thing(frame, 3) for frame in range(40)))
+    assert groups_of(tmp_path / "small.parquet") == [16, 16, 8]
+    points = tables.GROUP_BYTES // 6  # three numbers of two bytes each
+    save(tmp_path / "large.parquet", *(thing(frame, points // 2 + 10) for frame in range(5)))
+    assert groups_of(tmp_path / "large.parquet") == [2, 2, 1]
+
+
+@pytest.mark.parametrize("kind", [ThingRow, BoxesRow])
+def test_any_frame_is_found_in_any_order(tmp_path: Path, kind: type[Row]) -> None:
+    make = thing if kind is ThingRow else boxes
+    rows = [make(7 * number, number % 4) for number in range(50)]
+    write(tmp_path / "drive.parquet", kind, rows, stamp="{}", counts={})
+    table = Table(tmp_path / "drive.parquet", kind)
+    assert [row.frame for row in table] == list(table.frames) == [row.frame for row in rows]
+    for number in np.random.default_rng(0).permutation(50):
+        found, expected = table[7 * number], rows[number]
+        for spec in fields(kind):
+            np.testing.assert_array_equal(getattr(found, spec.name), getattr(expected, spec.name))
+    for missing in (-1, 1, 350):
+        with pytest.raises(KeyError):
+            table[missing]
+
+
+def test_a_shard_with_a_row_group_a_frame_is_read_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tables, "GROUP_FRAMES", 1)
+    save(tmp_path / "drive.parquet", *(thing(frame, frame) for frame in range(5)))
+    assert groups_of(tmp_path / "drive.parquet") == [1] * 5
+    assert [len(row.is_far) for row in Table(tmp_path / "drive.parquet", ThingRow)] == list(range(5))
+
+
+def test_other_values_have_another_footer_though_bounds_and_sizes_are_the_same(tmp_path: Path) -> None:
+    """A stamp holds the digest of the footers of what was read."""
+    for name, order in (("a", [0, 1, 2, 3]), ("b", [0, 2, 1, 3])):
+        row = replace(thing(1, 4), flow_mps=np.array(order, np.float16)[:, None] + np.zeros(3, np.float16))
+        save(tmp_path / f"{name}.parquet", row)
+    assert tables.footer_digest(tmp_path / "a.parquet") != tables.footer_digest(tmp_path / "b.parquet")
+    save(tmp_path / "c.parquet", replace(row))
+    assert tables.footer_digest(tmp_path / "c.parquet") == tables.footer_digest(tmp_path / "b.parquet")
 
 
 def test_a_shard_without_rows_can_be_read(tmp_path: Path) -> None:

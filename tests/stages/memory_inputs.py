@@ -29,6 +29,10 @@ class MemoryDrive:
 class MemoryTable(list[Any]):
     """Rows that are found by their frame."""
 
+    @property
+    def frames(self) -> tuple[int, ...]:
+        return tuple(row.frame for row in self)
+
     def __getitem__(self, frame: Any) -> Any:
         return next(row for row in self if row.frame == frame)
 

@@ -1,21 +1,25 @@
 """Parquet shards: written whole or not at all, read by frame, each with the stamp of what made it.
 
 A table of points has one row a frame. A table of boxes has one row a box, with one column a number, so that any
-tool can read it; the frames without a box stand in the footer.
+tool can read it; the frames without a box stand in the footer. Several frames share a row group: whoever opens a
+shard holds its footer, which has half a kilobyte for each column of each row group.
 """
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
+import io
 import json
 import os
 import threading
+from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import IO, Any, Generic, TypeVar
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -30,10 +34,17 @@ from upvl_cli.pipeline.packing import (
 )
 from upvl_cli.pipeline.stage import Row
 from upvl_cli.runtime.atomic import NotNeeded, atomic_file
+from upvl_cli.runtime.parallel import threads
+from upvl_cli.types import Ints
 
 STAMP_KEY = b"upvl.stamp"
 COUNTS_KEY = b"upvl.counts"
 FRAMES_KEY = b"upvl.frames"
+CONTENT_KEY = b"upvl.content"
+# A row group is read whole. 16 frames of boxes are some kilobytes, and 4 000 frames 250 groups; two megabytes are two
+# frames of the features of points, or eight of their heights.
+GROUP_FRAMES = 16
+GROUP_BYTES = 2**21
 
 R = TypeVar("R", bound=Row)
 FrameEntry = tuple[int, int, dict[str, object]]  # its number, how many rows of the table it has, its scalars
@@ -65,28 +76,61 @@ def write(
         UpvlError: The folder cannot be written or the disk is full.
     """
     schema = schema_of(row)
-    pack = pack_box_row if row.per_box else pack_frame_row
     with atomic_file(path) as file:
         if not needed():
             raise NotNeeded
+        digested = _DigestedFile(file)
         frames: list[FrameEntry] = []
         with pq.ParquetWriter(
-            file, schema, compression="zstd", use_dictionary=False, write_page_checksum=True
+            digested, schema, compression="zstd", use_dictionary=False, write_page_checksum=True
         ) as writer:
-            for item in rows:
-                batch = pack(item, schema)
-                if batch.num_rows:
-                    writer.write_batch(batch)
-                frames.append((item.frame, batch.num_rows, scalars_of(item)))
+            for group in _row_groups(rows, schema, frames):
+                writer.write_table(group, row_group_size=group.num_rows)
             writer.add_key_value_metadata(
                 {
                     STAMP_KEY: stamp.encode(),
                     COUNTS_KEY: json.dumps(dict(counts), sort_keys=True).encode(),
                     FRAMES_KEY: json.dumps(frames).encode(),
+                    CONTENT_KEY: digested.digest.hexdigest().encode(),
                 }
             )
         return len(frames)
     return None
+
+
+def _row_groups(rows: Iterable[Row], schema: pa.Schema, frames: list[FrameEntry]) -> Iterator[pa.Table]:
+    """Yield the rows of a few frames at a time, and note each frame in `frames`."""
+    batches: list[pa.RecordBatch] = []
+    for item in rows:
+        batch = (pack_box_row if item.per_box else pack_frame_row)(item, schema)
+        frames.append((item.frame, batch.num_rows, scalars_of(item)))
+        batches += [batch] if batch.num_rows else []
+        if len(batches) == GROUP_FRAMES or sum(held.nbytes for held in batches) >= GROUP_BYTES:
+            yield pa.Table.from_batches(batches, schema)
+            batches = []
+    if batches:
+        yield pa.Table.from_batches(batches, schema)
+
+
+class _DigestedFile(io.RawIOBase):
+    """A file to write to, and the digest of what was written.
+
+    Of two shards with other values the footers differ by it; bounds and sizes of row groups could be the same.
+    """
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file = file
+        self.digest = hashlib.sha256()
+
+    def writable(self) -> bool:
+        return True
+
+    def write(self, data: Any) -> int:
+        self.digest.update(data)
+        return self._file.write(data)
+
+    def tell(self) -> int:
+        return self._file.tell()
 
 
 class Table(Generic[R]):
@@ -109,35 +153,80 @@ class Table(Generic[R]):
                 f"has no column {', '.join(missing)}" if missing else "is damaged (its footer says nothing)"
             )
             raise NotMade(f"{path} {fault}; delete it and make it again")
-        # One row group for each frame that has rows, in the order of the frames.
-        groups = iter(range(self._file.metadata.num_row_groups))
-        self._group_of = {frame: next(groups) if count else None for frame, count, _ in footer.frames}
-        self._scalars_of = {frame: scalars for frame, _, scalars in footer.frames}
+        self._frames = _FrameIndex.of_footer(footer)
+        metadata = self._file.metadata
+        groups = [metadata.row_group(number).num_rows for number in range(metadata.num_row_groups)]
+        self._group_start = np.concatenate([[0], np.cumsum(groups, dtype=np.int64)])
         self._segment = path.stem
         self._lock = threading.Lock()  # a Parquet file has one reading position
+        self._held: OrderedDict[int, pa.Table] = OrderedDict()
+        # As many consecutive frames are worked on at a time as there are threads, and one waits.
+        self._max_held = 1 + -(-(threads() + 1) * len(groups) // max(len(footer.frames), 1))
 
     @property
     def frames(self) -> tuple[int, ...]:
         """The frames that have a row, ascending."""
-        return tuple(self._group_of)
+        return tuple(self._frames.frame.tolist())
 
     def __len__(self) -> int:
-        return len(self._group_of)
+        return len(self._frames.frame)
 
     def __iter__(self) -> Iterator[R]:
-        return (self[frame] for frame in self._group_of)
+        return (self[frame] for frame in self._frames.frame.tolist())
 
     def __getitem__(self, frame: int) -> R:
-        group = self._group_of[frame]
-        if group is None:
-            return unpack_box_row(
-                self._row, self._schema.empty_table(), self._segment, frame, self._scalars_of[frame]
-            )
-        with self._lock, _damage_named(self._path):
-            columns = self._file.read_row_group(group, columns=self._schema.names, use_threads=False)
+        place = self._frames.place(frame)
+        columns = self._rows(int(self._frames.start[place]), int(self._frames.start[place + 1]))
         if self._row.per_box:
-            return unpack_box_row(self._row, columns, self._segment, frame, self._scalars_of[frame])
+            scalars = {name: values[place] for name, values in self._frames.scalars.items()}
+            return unpack_box_row(self._row, columns, self._segment, int(frame), scalars)
         return unpack_frame_row(self._row, columns)
+
+    def _rows(self, first: int, end: int) -> pa.Table:
+        """Return some rows of one row group; the groups read last are held, as the next frame lies in one of them."""
+        if first == end:
+            return self._schema.empty_table()
+        group = int(np.searchsorted(self._group_start, first, side="right")) - 1
+        with self._lock, _damage_named(self._path):
+            columns = self._held.pop(group, None)
+            if columns is None:
+                columns = self._file.read_row_group(group, columns=self._schema.names, use_threads=False)
+            if columns.num_rows > end - first:
+                self._held[group] = columns
+            if len(self._held) > self._max_held:
+                self._held.popitem(last=False)
+        start = first - int(self._group_start[group])
+        return columns.slice(start, end - first)
+
+
+@dataclass(frozen=True)
+class _FrameIndex:
+    """Where the rows of each frame lie, in arrays: a drive has thousands of frames.
+
+    Attributes:
+        frame: (T,) numbers, ascending.
+        start: (T + 1,) first row of each in the table, and the number of rows.
+        scalars: T values of the frame by the name of their column.
+    """
+
+    frame: Ints
+    start: Ints
+    scalars: Mapping[str, list[Any]]
+
+    @classmethod
+    def of_footer(cls, footer: Footer) -> _FrameIndex:
+        frame = np.array([number for number, _, _ in footer.frames], dtype=np.int64)
+        rows = np.array([rows for _, rows, _ in footer.frames], dtype=np.int64)
+        names = footer.frames[0][2] if footer.frames else {}
+        scalars = {name: [values[name] for _, _, values in footer.frames] for name in names}
+        return cls(frame, np.concatenate([[0], np.cumsum(rows)]), scalars)
+
+    def place(self, frame: int) -> int:
+        """Return the place of a frame; raises `KeyError` where it has none."""
+        place = int(np.searchsorted(self.frame, frame))
+        if place == len(self.frame) or self.frame[place] != frame:
+            raise KeyError(frame)
+        return place
 
 
 def _open(path: Path) -> pq.ParquetFile:
@@ -191,7 +280,7 @@ def _footer_of(metadata: pq.FileMetaData) -> Footer | None:
         entries = json.loads(pairs[FRAMES_KEY])
         frames = tuple((int(frame), int(rows), dict(scalars)) for frame, rows, scalars in entries)
         json.loads(stamp)
-        if sum(rows > 0 for _, rows, _ in frames) != metadata.num_row_groups:
+        if sum(rows for _, rows, _ in frames) != metadata.num_rows:
             return None
         return Footer(stamp, {str(reason): int(items) for reason, items in counts.items()}, frames)
     except (KeyError, ValueError, AttributeError, TypeError, RecursionError):

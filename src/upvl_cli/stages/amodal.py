@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING
 
 from upvl_cli.config.base import setting, table
@@ -13,9 +15,10 @@ from upvl_cli.pipeline.stage import Stage
 from upvl_cli.stages.rows import AmodalRow, GroundRow, MaskRow, OdometryRow, ProposalRow, TrackRow
 
 if TYPE_CHECKING:
-    from upvl_cli.perception.amodal.sightings import Sightings
+    from upvl_cli.perception.amodal.fit import KnownShape
+    from upvl_cli.perception.amodal.track_parts import TrackTotals
     from upvl_cli.pipeline.stage import Inputs
-    from upvl_cli.types import Array, Ints
+    from upvl_cli.types import Array, Bools, Ints
 
 
 @dataclass(frozen=True)
@@ -27,119 +30,247 @@ class AmodalConfig(AmodalFitConfig):
         ge=0,
         le=1,
     )
+    window_s: float = setting(
+        "length of the parts in which a track that lasts longer is placed; the points of one part are held",
+        "s",
+        ge=1,
+        le=3600,
+    )
+    max_sightings: int = setting(
+        "frames of a track of several parts, spread evenly over it, that its size is fitted to",
+        ge=2,
+        le=10**6,
+    )
     score: SupportScoreConfig = table("confidence of a label")
 
 
 def run(inputs: Inputs, config: AmodalConfig) -> Iterator[AmodalRow]:
     """Give every track one size, and place that box in each of its frames."""
-    import numpy as np
-
-    from upvl_cli.geometry.boxes import transform
-    from upvl_cli.geometry.se3 import inverse
-    from upvl_cli.perception.amodal.fit import fit_amodal_boxes
-    from upvl_cli.perception.labels.suppression import support_score
     from upvl_cli.runtime.parallel import in_order
-    from upvl_cli.types import Boxes
 
-    rows, poses = list(inputs.table("track", TrackRow)), inputs.table("odometry", OdometryRow)
-    step = np.repeat(np.arange(len(rows)), [len(row.track_id) for row in rows])
-    track_id = np.concatenate([np.zeros(0, np.int64), *(row.track_id for row in rows)])
-    world, num_frames_seen = np.zeros((len(step), 7)), np.zeros(len(step), np.int64)
-    tracks = list(_sightings(inputs, track_id))
-    boxes_of_tracks = in_order(lambda track: fit_amodal_boxes(track[1], config), tracks)
-    background_share = _background_share(inputs, track_id)
-    is_object = background_share <= config.max_background_share
-    for (here, seen), boxes in zip(tracks, boxes_of_tracks, strict=True):
-        world[here] = boxes.to_rows()
-        num_frames_seen[here] = sum(len(xyz_m) > 0 for xyz_m in seen.xyz_m)
-        inputs.count("tracks dropped: background", not is_object[here[0]])
-        inputs.count("tracks kept", is_object[here[0]])
-    world_boxes = Boxes.from_rows(world)
-    for number, row in enumerate(rows):
-        in_frame = step == number
-        is_kept = is_object[in_frame]
-        here = np.flatnonzero(in_frame)[is_kept]
-        inputs.count("boxes", len(here))
-        boxes = transform(world_boxes[here], inverse(poses[row.frame].world_from_ego))
-        num_points = row.num_points[is_kept]
-        yield AmodalRow(
-            inputs.segment,
-            row.frame,
-            row.time_ns,
-            boxes.center_m,
-            boxes.size_lwh_m,
-            boxes.heading_rad,
-            row.velocity_mps[is_kept],
-            num_points,
-            support_score(num_points, num_frames_seen[here], background_share[here], config.score),
-            row.track_id[is_kept],
-            background_share[here],
-            num_frames_seen[here],
-        )
+    totals = _totals(inputs)
+    is_object = totals.background_share <= config.max_background_share
+    inputs.count("tracks dropped: background", ((totals.rows > 0) & ~is_object).sum())
+    inputs.count("tracks kept", ((totals.rows > 0) & is_object).sum())
+    parts = totals.parts(config.window_s) * is_object
+    shapes = _shapes_of_long_tracks(inputs, totals, parts, config)
+    pending: deque[_Frame] = deque()
+    for part, boxes in in_order(partial(_fit, config), _parts(inputs, totals, parts, shapes, pending)):
+        for sighting, box in zip(part.sightings if part else (), boxes, strict=True):
+            sighting.frame.boxes[sighting.row] = box
+        while pending and len(pending[0].boxes) == pending[0].expected:
+            yield _row(inputs, pending.popleft(), totals, config)
 
 
-def _background_share(inputs: Inputs, track_id: Ints) -> Array:
-    """Return (n,) share of background among the points of the track of each box, in all frames."""
-    from upvl_cli.perception.background.masks import background_of_tracks
+@dataclass(frozen=True)
+class _Frame:
+    """The kept boxes of a frame: `boxes` has a row of seven numbers for each that is fitted."""
+
+    pose: OdometryRow
+    tracks: TrackRow
+    expected: int
+    boxes: dict[int, Array] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class _Sighting:
+    """What was seen of a track in a frame: its box, and its points as the sweep has them."""
+
+    frame: _Frame
+    row: int
+    xyz_ego_m: Array
+    height_m: Array
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Consecutive boxes of one track, and what is known of it where they are not all."""
+
+    sightings: list[_Sighting]
+    known: KnownShape | None
+
+
+def _totals(inputs: Inputs) -> TrackTotals:
+    """Return what is known of each track from its points' states in all frames."""
+    from upvl_cli.perception.amodal.track_parts import TrackTotals, points_of_boxes
 
     proposals, masks = inputs.table("propose", ProposalRow), inputs.table("mask", MaskRow)
-    frames = (
-        (
-            masks[row.frame].background,
-            proposals[row.frame].box_of_point(len(masks[row.frame].background)),
-            row.proposal,
-        )
-        for row in inputs.table("track", TrackRow)
-    )
-    return background_of_tracks(track_id, frames)
+    totals = TrackTotals()
+    for row in inputs.table("track", TrackRow):
+        state = masks[row.frame].background
+        owner = proposals[row.frame].box_of_point(len(state))
+        num_points = points_of_boxes(state, owner, row.proposal)
+        totals.add(row.track_id, row.time_ns * 1e-9, num_points)
+    return totals
 
 
-def _sightings(inputs: Inputs, track_id: Ints) -> Iterator[tuple[Ints, Sightings]]:
-    """Yield each track: its rows among all boxes, and what was seen of it, in world axes."""
+def _sightings(
+    inputs: Inputs, is_wanted: Callable[[TrackRow], Bools]
+) -> Iterator[tuple[_Frame, list[_Sighting]]]:
+    """Yield each frame with what is seen of the wanted boxes."""
+    import numpy as np
+
+    from upvl_cli.runtime.parallel import in_order
+
+    drive, poses = inputs.drive, inputs.table("odometry", OdometryRow)
+    grounds, proposals = inputs.table("ground", GroundRow), inputs.table("propose", ProposalRow)
+
+    def sightings(item: tuple[TrackRow, Bools]) -> tuple[_Frame, list[_Sighting]]:
+        row, wanted = item
+        frame = _Frame(poses[row.frame], row, int(wanted.sum()))
+        if not frame.expected:
+            return frame, []
+        xyz_ego_m, height_m = drive.points(row.frame).xyz_ego_m, grounds[row.frame].height_m
+        point_index = proposals[row.frame].point_index
+        end = np.append(np.cumsum(point_index.count), 0)  # of no proposal, which is the last
+        found = []
+        for box in np.flatnonzero(wanted).tolist():
+            proposal = int(row.proposal[box])  # a coasting box has -1: no points
+            points = point_index.values[end[proposal - 1] if proposal else 0 : end[proposal]]
+            points = points if proposal >= 0 else points[:0]
+            found.append(_Sighting(frame, box, xyz_ego_m[points], height_m[points]))
+        return frame, found
+
+    return in_order(sightings, ((row, is_wanted(row)) for row in inputs.table("track", TrackRow)))
+
+
+def _parts(
+    inputs: Inputs, totals: TrackTotals, parts: Ints, shapes: Mapping[int, KnownShape], pending: deque[_Frame]
+) -> Iterator[_Part | None]:
+    """Yield each part of a track once its last box was seen, and None after each frame.
+
+    Args:
+        inputs: Of the stage.
+        totals: Of each track.
+        parts: (k,) number of parts of each track, 0 for one that is dropped.
+        shapes: Size and heading of the tracks of several parts.
+        pending: The frames that were read are appended.
+    """
+    from upvl_cli.perception.amodal.fit import KnownShape
+
+    seen, begun = dict[int, int](), dict[int, list[_Sighting]]()
+    for frame, sightings in _sightings(inputs, lambda row: parts[row.track_id] > 0):
+        pending.append(frame)
+        for sighting in sightings:
+            track_id = int(frame.tracks.track_id[sighting.row])
+            number, rows, of_track = seen.get(track_id, 0), int(totals.rows[track_id]), int(parts[track_id])
+            begun.setdefault(track_id, []).append(sighting)
+            seen[track_id] = number + 1
+            if number + 1 == rows or number * of_track // rows != (number + 1) * of_track // rows:
+                ended, known = begun.pop(track_id), shapes.get(track_id)
+                if known is not None:
+                    here = known.heading_rad[number + 1 - len(ended) : number + 1]
+                    known = KnownShape(known.size_lwh_m, here)
+                yield _Part(ended, known)
+            if number + 1 == rows:
+                del seen[track_id]
+        yield None
+
+
+def _shapes_of_long_tracks(
+    inputs: Inputs, totals: TrackTotals, parts: Ints, config: AmodalConfig
+) -> dict[int, KnownShape]:
+    """Return one size for each track of several parts, from frames spread over all of it, and its headings."""
+    import numpy as np
+
+    from upvl_cli.geometry.se3 import rotate
+    from upvl_cli.perception.amodal.fit import KnownShape
+    from upvl_cli.perception.amodal.heading import moving_headings
+    from upvl_cli.perception.amodal.track_parts import spread
+
+    chosen = {
+        k: set(spread(int(totals.rows[k]), config.max_sightings)) for k in np.flatnonzero(parts > 1).tolist()
+    }
+    if not chosen:
+        return {}
+    velocity_mps: dict[int, list[Array]] = {track_id: [] for track_id in chosen}
+    poses = inputs.table("odometry", OdometryRow)
+
+    def is_chosen(row: TrackRow) -> Bools:
+        turned = rotate(poses[row.frame].world_from_ego, row.velocity_mps)[:, :2]
+        wanted = np.zeros(len(row.track_id), dtype=np.bool_)
+        for box, track_id in enumerate(row.track_id.tolist()):
+            if track_id in chosen:
+                wanted[box] = len(velocity_mps[track_id]) in chosen[track_id]
+                velocity_mps[track_id].append(turned[box])
+        return wanted
+
+    samples: dict[int, list[_Sighting]] = {track_id: [] for track_id in chosen}
+    for frame, sightings in _sightings(inputs, is_chosen):
+        for sighting in sightings:
+            samples[int(frame.tracks.track_id[sighting.row])].append(sighting)
+    shapes = {}
+    for track_id, sample in samples.items():
+        _, boxes = _fit(config, _Part(sample, None))
+        heading_rad = moving_headings(np.array(velocity_mps[track_id]), config.heading.min_speed_mps)
+        if heading_rad is None:
+            heading_rad = np.full(totals.rows[track_id], boxes[0, 6])
+        shapes[track_id] = KnownShape(boxes[0, 3:6], heading_rad)
+    return shapes
+
+
+def _fit(config: AmodalConfig, part: _Part | None) -> tuple[_Part | None, Array]:
+    """Return (T, 7) boxes of a part in world axes; none for none."""
     import numpy as np
 
     from upvl_cli.geometry.boxes import transform
     from upvl_cli.geometry.se3 import apply, rotate, yaw_of
+    from upvl_cli.perception.amodal.fit import fit_amodal_boxes
     from upvl_cli.perception.amodal.sightings import Sightings
-    from upvl_cli.runtime.parallel import in_order
     from upvl_cli.types import Boxes, concat
 
-    rows, poses = list(inputs.table("track", TrackRow)), inputs.table("odometry", OdometryRow)
-    grounds, proposals = inputs.table("ground", GroundRow), inputs.table("propose", ProposalRow)
-    xyz_m, height_m, boxes = [], [], []
-    velocity_mps, sensor_xy_m, sensor_heading_rad = [np.zeros((0, 3))], [np.zeros((0, 2))], [np.zeros(0)]
-    drive = inputs.drive
-    sweeps = in_order(lambda row: drive.points(row.frame).xyz_ego_m, rows)
-    for row, xyz_ego_m in zip(rows, sweeps, strict=True):
-        pose = poses[row.frame].world_from_ego
-        height = grounds[row.frame].height_m
-        box_of_point = proposals[row.frame].box_of_point(len(height))
-        for proposal in row.proposal:
-            # A coasting box has proposal -1, which no point may be taken to belong to.
-            points = np.flatnonzero((box_of_point == proposal) & (proposal >= 0))
-            xyz_m.append(apply(pose, xyz_ego_m[points]))
-            height_m.append(height[points].astype(np.float64))
-        boxes.append(transform(row.boxes, pose))
-        velocity_mps.append(rotate(pose, row.velocity_mps))
-        sensor_xy_m.append(np.tile(pose[:2, 3], (len(row.track_id), 1)))
-        sensor_heading_rad.append(np.full(len(row.track_id), yaw_of(pose)))
-    velocity, sensor_xy, sensor_heading = (
-        np.concatenate(parts) for parts in (velocity_mps, sensor_xy_m, sensor_heading_rad)
-    )
-    all_boxes = concat(boxes, Boxes)
-    for number in np.unique(track_id):
-        here = np.flatnonzero(track_id == number)
-        yield (
-            here,
-            Sightings(
-                [xyz_m[box] for box in here],
-                [height_m[box] for box in here],
-                all_boxes[here],
-                velocity[here],
-                sensor_xy[here],
-                sensor_heading[here],
+    if part is None:
+        return None, np.zeros((0, 7))
+    seen = part.sightings
+    poses = [sighting.frame.pose.world_from_ego for sighting in seen]
+    velocity_mps = [sighting.frame.tracks.velocity_mps[sighting.row] for sighting in seen]
+    boxes = [sighting.frame.tracks.boxes[[sighting.row]] for sighting in seen]
+    fitted = fit_amodal_boxes(
+        Sightings(
+            [apply(pose, sighting.xyz_ego_m) for pose, sighting in zip(poses, seen, strict=True)],
+            [sighting.height_m.astype(np.float64) for sighting in seen],
+            concat([transform(box, pose) for box, pose in zip(boxes, poses, strict=True)], Boxes),
+            np.array(
+                [rotate(pose, velocity[None])[0] for pose, velocity in zip(poses, velocity_mps, strict=True)]
             ),
-        )
+            np.array([pose[:2, 3] for pose in poses]),
+            np.array([yaw_of(pose) for pose in poses]),
+        ),
+        config,
+        part.known,
+    )
+    return part, fitted.to_rows()
+
+
+def _row(inputs: Inputs, frame: _Frame, totals: TrackTotals, config: AmodalConfig) -> AmodalRow:
+    """Return the boxes of a frame of which every track is fitted."""
+    import numpy as np
+
+    from upvl_cli.geometry.boxes import transform
+    from upvl_cli.geometry.se3 import inverse
+    from upvl_cli.perception.labels.suppression import support_score
+    from upvl_cli.types import Boxes
+
+    tracks, kept = frame.tracks, np.array(sorted(frame.boxes), dtype=np.int64)
+    inputs.count("boxes", len(kept))
+    world = Boxes.from_rows(np.array([frame.boxes[row] for row in kept.tolist()]))
+    boxes = transform(world, inverse(frame.pose.world_from_ego))
+    track_id, num_points = tracks.track_id[kept], tracks.num_points[kept]
+    num_frames_seen, share = totals.num_frames_seen[track_id], totals.background_share[track_id]
+    return AmodalRow(
+        inputs.segment,
+        tracks.frame,
+        tracks.time_ns,
+        boxes.center_m,
+        boxes.size_lwh_m,
+        boxes.heading_rad,
+        tracks.velocity_mps[kept],
+        num_points,
+        support_score(num_points, num_frames_seen, share, config.score),
+        track_id,
+        share,
+        num_frames_seen,
+    )
 
 
 STAGE = Stage(

@@ -15,7 +15,7 @@ from upvl_cli.stages.rows import GroundRow, ObjectRow, OdometryRow, PcaRow, Trai
 if TYPE_CHECKING:
     from upvl_cli.detector.predict import FramePrediction
     from upvl_cli.pipeline.stage import Inputs
-    from upvl_cli.types import Array, Boxes
+    from upvl_cli.types import Array, Boxes, Ints
 
 
 @dataclass(frozen=True)
@@ -34,37 +34,58 @@ def run(inputs: Inputs, config: DetectConfig) -> Iterator[ObjectRow]:
     A point in two boxes that overlap counts for both. A box of no track has no velocity, and the number -1.
     Points are those of the box as it was found, before its track has corrected it.
     """
-    import numpy as np
-
     from upvl_cli.perception.labels.point_features import average_pool
+    from upvl_cli.runtime.spill import ArraySpill
     from upvl_cli.types import Ragged
 
     (fitted,) = inputs.table("pca", PcaRow)
-    poses = list(inputs.table("odometry", OdometryRow))
-    predictions = [*_predictions(inputs, config)]
-    tracked = _tracked(inputs, config, predictions)
-    end = np.cumsum([len(prediction.boxes) for prediction in predictions])
-    for pose, prediction, last in zip(poses, predictions, end, strict=True):
-        total = len(prediction.boxes)
-        rows = slice(last - total, last)
-        boxes, feature = tracked.boxes[rows], prediction.point_feature
-        codes = fitted.basis.quantize(feature.values)
-        inputs.count("boxes", total)
-        inputs.count("boxes in no track", (tracked.track_id[rows] < 0).sum())
-        yield ObjectRow(
-            inputs.segment,
-            pose.frame,
-            pose.time_ns,
-            boxes.center_m,
-            boxes.size_lwh_m,
-            boxes.heading_rad,
-            tracked.velocity_mps[rows],
+    found: list[_FrameBoxes] = []
+    # The features of points are many times all else that a frame holds: they wait on disk for the tracks.
+    with ArraySpill(inputs.folder) as features:
+        for prediction in _predictions(inputs, config):
+            features.append(fitted.basis.quantize(prediction.point_feature.values))
+            found.append(_FrameBoxes.of_prediction(prediction))
+        tracked, last = _tracked(inputs, config, found), 0
+        for pose, frame, codes in zip(inputs.table("odometry", OdometryRow), found, features, strict=True):
+            rows = slice(last, last := last + len(frame.boxes))
+            boxes, point_feature = tracked.boxes[rows], Ragged(codes, frame.num_features)
+            inputs.count("boxes", len(boxes))
+            inputs.count("boxes in no track", (tracked.track_id[rows] < 0).sum())
+            yield ObjectRow(
+                inputs.segment,
+                pose.frame,
+                pose.time_ns,
+                boxes.center_m,
+                boxes.size_lwh_m,
+                boxes.heading_rad,
+                tracked.velocity_mps[rows],
+                frame.num_points,
+                tracked.score[rows],
+                tracked.track_id[rows],
+                num_features=frame.num_features,
+                point_feature=point_feature,
+                pooled=average_pool(point_feature, fitted.basis),
+            )
+
+
+class _FrameBoxes(NamedTuple):
+    """What is kept in memory of the boxes of one frame: some 100 bytes each."""
+
+    boxes: Boxes
+    score: Array
+    num_points: Ints
+    num_features: Ints
+
+    @classmethod
+    def of_prediction(cls, prediction: FramePrediction) -> _FrameBoxes:
+        from upvl_cli.types import Boxes
+
+        boxes = prediction.boxes
+        return cls(
+            Boxes(boxes.center_m, boxes.size_lwh_m, boxes.heading_rad),
+            boxes.score,
             prediction.num_points,
-            tracked.score[rows],
-            tracked.track_id[rows],
-            num_features=feature.count,
-            point_feature=(point_feature := Ragged(codes, feature.count)),
-            pooled=average_pool(point_feature, fitted.basis),
+            prediction.point_feature.count,
         )
 
 
@@ -116,37 +137,42 @@ class _Tracked(NamedTuple):
     track_id: Array
 
 
-def _tracked(inputs: Inputs, config: DetectConfig, predictions: list[FramePrediction]) -> _Tracked:
+def _tracked(inputs: Inputs, config: DetectConfig, found: list[_FrameBoxes]) -> _Tracked:
     """Join the boxes of all frames to tracks, which give velocities and correct the boxes."""
     import numpy as np
 
     from upvl_cli.geometry.boxes import transform
     from upvl_cli.geometry.se3 import inverse
     from upvl_cli.perception.tracking.smoothing import smooth_tracks
-    from upvl_cli.perception.tracking.track import track
+    from upvl_cli.perception.tracking.windows import track_in_windows
     from upvl_cli.types import Boxes, concat
 
-    poses = list(inputs.table("odometry", OdometryRow))
-    in_ego_axes = [
-        Boxes(found.boxes.center_m, found.boxes.size_lwh_m, found.boxes.heading_rad) for found in predictions
-    ]
-    step = np.repeat(np.arange(len(predictions)), [len(boxes) for boxes in in_ego_axes])
-    pairs = zip(in_ego_axes, poses, strict=True)
-    world = concat([transform(boxes, pose.world_from_ego) for boxes, pose in pairs], Boxes)
-    time_s = np.array([(pose.time_ns - poses[0].time_ns) * 1e-9 for pose in poses])
-    tracks = track(step, world, np.zeros((len(step), 3)), time_s, config.tracker)
-    velocity_mps, track_id = np.zeros((len(step), 3)), np.full(len(step), -1)
-    has_box = tracks.box >= 0
-    turn = np.array([pose.world_from_ego[:3, :3] for pose in poses])
-    box = tracks.box[has_box]
-    velocity_mps[box] = np.einsum("ni,nij->nj", tracks.velocity_mps[has_box], turn[tracks.frame[has_box]])
-    track_id[box] = tracks.track_id[has_box]
-    score = np.concatenate([*(found.boxes.score for found in predictions), np.zeros(0)])
+    poses = inputs.table("odometry", OdometryRow)
+    time_ns = [pose.time_ns for pose in poses]
+    time_s = np.array([(time - time_ns[0]) * 1e-9 for time in time_ns])
+    start = np.cumsum([0, *(len(frame.boxes) for frame in found)])
+    pairs = zip(found, poses, strict=True)
+    world = concat([transform(frame.boxes, pose.world_from_ego) for frame, pose in pairs], Boxes)
+    velocity_mps, track_id = np.zeros((start[-1], 3)), np.full(start[-1], -1)
+    still = (
+        (world[first:last], np.zeros((last - first, 3)))
+        for first, last in zip(start[:-1], start[1:], strict=True)
+    )
+    frames = track_in_windows(still, time_s, config.tracker)
+    for first, tracks, pose in zip(start[:-1], frames, poses, strict=True):
+        has_box = tracks.box >= 0
+        box = first + tracks.box[has_box]
+        turn = np.broadcast_to(pose.world_from_ego[:3, :3], (len(box), 3, 3))
+        velocity_mps[box] = np.einsum("ni,nij->nj", tracks.velocity_mps[has_box], turn)
+        track_id[box] = tracks.track_id[has_box]
+    score = np.concatenate([*(frame.score for frame in found), np.zeros(0)])
     if not config.smoothing.enabled:
-        return _Tracked(concat(in_ego_axes, Boxes), velocity_mps, score, track_id)
-    smooth, score = smooth_tracks(world, score, track_id, time_s[step], config.smoothing)
+        return _Tracked(concat([frame.boxes for frame in found], Boxes), velocity_mps, score, track_id)
+    box_time_s = np.repeat(time_s, np.diff(start))
+    smooth, score = smooth_tracks(world, score, track_id, box_time_s, config.smoothing)
     smooth_boxes = [
-        transform(smooth[step == n], inverse(pose.world_from_ego)) for n, pose in enumerate(poses)
+        transform(smooth[first:last], inverse(pose.world_from_ego))
+        for first, last, pose in zip(start[:-1], start[1:], poses, strict=True)
     ]
     return _Tracked(concat(smooth_boxes, Boxes), velocity_mps, score, track_id)
 

@@ -12,9 +12,10 @@ from upvl_cli.pipeline.stage import Stage
 from upvl_cli.stages.rows import ExtractVlRow, FlowRow, GroundRow, MaskRow, OdometryRow, PcaRow
 
 if TYPE_CHECKING:
+    from upvl_cli.perception.background.completion import BackgroundCompletion, SweepBackground
     from upvl_cli.perception.background.masks import BackgroundClassifier
-    from upvl_cli.pipeline.stage import Inputs
-    from upvl_cli.types import Array, Model
+    from upvl_cli.pipeline.stage import Inputs, Rows
+    from upvl_cli.types import Array, Bools, Drive, Model
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,13 @@ class MaskConfig(Config):
         "(shape_classifier); of its place, else unknown (place_memory); unknown, so that it is kept (keep); "
         "unknown if it moves, else background (moving); background (drop)"
     )
+    window_s: float = setting(
+        "length of the windows of time whose places and shapes complete the points without a feature; those of a "
+        "longer drive overlap by half",
+        "s",
+        ge=1,
+        le=3600,
+    )
     place_memory: PlaceMemoryConfig = table("The background state of a place, from the sweeps that saw it.")
     shape_classifier: ShapeClassifierConfig = table("The background state of a point, by its LiDAR shape.")
 
@@ -70,66 +78,106 @@ def background_classifier(pca: PcaRow, model: Model, config: MaskConfig) -> Back
 
 def run(inputs: Inputs, config: MaskConfig) -> Iterator[MaskRow]:
     """Mark the points that move, by speed, and those of the background, by words."""
-    import numpy as np
-
-    from upvl_cli.geometry.se3 import apply
-    from upvl_cli.perception.background.completion import BackgroundCompletion, SweepBackground
     from upvl_cli.perception.background.masks import apply_motion_and_policy, moving
-    from upvl_cli.perception.background.shape_classifier import compute_shape_features
     from upvl_cli.runtime.parallel import in_order
 
     (pca,) = inputs.table("pca", PcaRow)
-    features, flows = inputs.table("extract-vl", ExtractVlRow), inputs.table("flow", FlowRow)
-    grounds = inputs.table("ground", GroundRow)
-    drive, poses = inputs.drive, list(inputs.table("odometry", OdometryRow))
-    classifier = background_classifier(pca, inputs.model, config)
+    sweeps = _Sweeps(
+        inputs.drive,
+        inputs.table("flow", FlowRow),
+        inputs.table("ground", GroundRow),
+        inputs.table("extract-vl", ExtractVlRow),
+        background_classifier(pca, inputs.model, config),
+        config,
+    )
 
-    def seen_background(pose: OdometryRow) -> Array:
-        """Return the state of each point by words."""
-        return classifier.classify(features[pose.frame].state, features[pose.frame].feature)
-
-    def is_moving(pose: OdometryRow) -> Array:
-        """Return whether each point moves as the rules for moving points ask for."""
-        return moving(flows[pose.frame].flow_mps, min_speed_mps=config.moving_mps)
-
-    def sweep_background(pose: OdometryRow) -> SweepBackground:
-        """Return what the cameras tell of the points above the ground."""
-        ground = grounds[pose.frame]
-        above = ~ground.is_ground
-        xyz_m = drive.points(pose.frame).xyz_ego_m[above].astype(np.float64)
-        shape_features = None
-        if config.unseen_policy == "shape_classifier":
-            shape_features = compute_shape_features(xyz_m, ground.height_m[above], config.shape_classifier)
-        is_foreground = is_moving(pose)[above] & config.moving_is_foreground
-        world_xyz_m = apply(pose.world_from_ego, xyz_m)
-        return SweepBackground(seen_background(pose)[above], is_foreground, world_xyz_m, shape_features)
-
-    completes = config.unseen_policy in ("shape_classifier", "place_memory")
-    sweeps = in_order(sweep_background, poses if completes else ())
-    completion = BackgroundCompletion(sweeps, config.place_memory, config.shape_classifier)
-
-    def final_background(pose: OdometryRow) -> Array:
-        """Return the state of each point."""
-        background = seen_background(pose)
-        if completes:
-            background[~grounds[pose.frame].is_ground] = completion.complete(sweep_background(pose))
-        return apply_motion_and_policy(
+    def masks(part: tuple[OdometryRow, BackgroundCompletion | None]) -> tuple[int, Bools, Bools, Array]:
+        """Return the number of a frame, whether each of its points moves and is fast enough, and its state."""
+        pose, completion = part
+        flow_mps, background = sweeps.flows[pose.frame].flow_mps, sweeps.seen_background(pose)
+        if completion is not None:
+            above = ~sweeps.grounds[pose.frame].is_ground
+            background[above] = completion.complete(sweeps.background_above_ground(pose))
+        moves = moving(flow_mps, min_speed_mps=config.moving_mps)
+        background = apply_motion_and_policy(
             background,
-            is_moving(pose),
+            moves,
             policy=config.unseen_policy,
             moving_is_foreground=config.moving_is_foreground,
         )
+        return pose.frame, moves, moving(flow_mps, min_speed_mps=config.min_speed_mps), background
 
-    for pose, background in zip(poses, in_order(final_background, poses), strict=True):
-        above_eps_sf = moving(flows[pose.frame].flow_mps, min_speed_mps=config.min_speed_mps)
-        moves = is_moving(pose)
+    for frame, moves, above_eps_sf, background in in_order(masks, _parts(inputs, sweeps, config)):
         inputs.count("points moving", moves.sum())
         inputs.count("points still", (~moves).sum())
         inputs.count("points slower than min_speed_mps, left out", (~above_eps_sf).sum())
         inputs.count("points background", (background == 1).sum())
         inputs.count("points not background", (background == 0).sum())
         inputs.count("points without a feature, kept", (background < 0).sum())
-        yield MaskRow(inputs.segment, pose.frame, above_eps_sf, background)
+        yield MaskRow(inputs.segment, frame, above_eps_sf, background)
+
+
+@dataclass(frozen=True)
+class _Sweeps:
+    """The sweeps of a drive, and what is known of their points."""
+
+    drive: Drive
+    flows: Rows[FlowRow]
+    grounds: Rows[GroundRow]
+    features: Rows[ExtractVlRow]
+    classifier: BackgroundClassifier
+    config: MaskConfig
+
+    def seen_background(self, pose: OdometryRow) -> Array:
+        """Return the state of each point by words."""
+        row = self.features[pose.frame]
+        return self.classifier.classify(row.state, row.feature)
+
+    def background_above_ground(self, pose: OdometryRow) -> SweepBackground:
+        """Return what the cameras tell of the points above the ground."""
+        import numpy as np
+
+        from upvl_cli.geometry.se3 import apply
+        from upvl_cli.perception.background.completion import SweepBackground
+        from upvl_cli.perception.background.masks import moving
+        from upvl_cli.perception.background.shape_classifier import compute_shape_features
+
+        ground, config = self.grounds[pose.frame], self.config
+        above = ~ground.is_ground
+        xyz_m = self.drive.points(pose.frame).xyz_ego_m[above].astype(np.float64)
+        shape_features = None
+        if config.unseen_policy == "shape_classifier":
+            shape_features = compute_shape_features(xyz_m, ground.height_m[above], config.shape_classifier)
+        flow_mps = self.flows[pose.frame].flow_mps[above]
+        is_foreground = moving(flow_mps, min_speed_mps=config.moving_mps) & config.moving_is_foreground
+        world_xyz_m = apply(pose.world_from_ego, xyz_m)
+        return SweepBackground(self.seen_background(pose)[above], is_foreground, world_xyz_m, shape_features)
+
+
+def _parts(
+    inputs: Inputs, sweeps: _Sweeps, config: MaskConfig
+) -> Iterator[tuple[OdometryRow, BackgroundCompletion | None]]:
+    """Yield each frame with what completes it: the places and shapes of the seconds around it."""
+    import numpy as np
+
+    from upvl_cli.perception.background.completion import CompletionEvidence, completions
+    from upvl_cli.runtime.parallel import in_order
+
+    poses = inputs.table("odometry", OdometryRow)
+    if config.unseen_policy not in ("shape_classifier", "place_memory"):
+        yield from ((pose, None) for pose in poses)
+        return
+    time_ns = [pose.time_ns for pose in poses]
+    time_s = np.array([(time - time_ns[0]) * 1e-9 for time in time_ns])
+    seen = in_order(sweeps.background_above_ground, poses)
+    frames = iter(poses)
+    for part, completion in completions(
+        time_s,
+        seen,
+        config.window_s,
+        lambda: CompletionEvidence(config.place_memory, config.shape_classifier),
+    ):
+        yield from ((next(frames), completion) for _ in part)
 
 
 STAGE = Stage(
@@ -138,5 +186,5 @@ STAGE = Stage(
     config=MaskConfig,
     row=MaskRow,
     reads=("raw", "vlm", "odometry", "ground", "pca", "flow", "extract-vl"),
-    version=4,
+    version=5,
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -11,6 +12,9 @@ from upvl_cli.pipeline.stage import Stage
 from upvl_cli.stages.rows import ExtractVlRow, FlowRow, GroundRow, MaskRow, OdometryRow, PcaRow, ProposalRow
 
 if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
+    from upvl_cli.perception.proposals.persistence import OccupancyHistory
     from upvl_cli.pipeline.stage import Inputs
     from upvl_cli.types import Array, Floats, Ints
 
@@ -24,51 +28,36 @@ def run(inputs: Inputs, config: ProposeConfig) -> Iterator[ProposalRow]:
     """Cluster the points that move, and fit the tightest box around each cluster."""
     import numpy as np
 
-    from upvl_cli.geometry.se3 import apply
     from upvl_cli.perception.clustering import NOISE
-    from upvl_cli.perception.proposals.persistence import OccupancyHistory
     from upvl_cli.perception.proposals.propose import Proposals, Sweep, propose
     from upvl_cli.runtime.parallel import in_order
     from upvl_cli.types import Ragged
 
-    drive = inputs.drive
-    poses = list(inputs.table("odometry", OdometryRow))
     flows, grounds = inputs.table("flow", FlowRow), inputs.table("ground", GroundRow)
     masks = inputs.table("mask", MaskRow)
     features, (fitted,) = inputs.table("extract-vl", ExtractVlRow), inputs.table("pca", PcaRow)
 
-    def points_above_ground(pose: OdometryRow) -> Array:
-        """Return the points of a frame that stand above the ground, in ego axes."""
-        is_ground: Array = grounds[pose.frame].is_ground
-        return drive.points(pose.frame).xyz_ego_m[~is_ground].astype(np.float64)
-
-    # Kept for the whole drive: the persistence of each sweep is measured seconds before and after.
-    above_m = list(in_order(points_above_ground, poses))
-    world_m = (apply(pose.world_from_ego, xyz_m) for pose, xyz_m in zip(poses, above_m, strict=True))
-    time_s = np.array([(pose.time_ns - poses[0].time_ns) * 1e-9 for pose in poses])
-    history = OccupancyHistory.from_sweeps(time_s, world_m, voxel_m=config.persistence.voxel_m)
-
-    def proposals(step: int) -> tuple[Proposals, Ints]:
-        """Return the boxes of a frame, and the box of each of its points, -1 for none."""
-        frame = poses[step].frame
+    def proposals(moment: Moment) -> tuple[OdometryRow, Proposals, Ints]:
+        """Return the pose and the boxes of a frame, and the box of each of its points, -1 for none."""
+        frame = moment.pose.frame
         flow, ground, mask = flows[frame], grounds[frame], masks[frame]
         above = ~ground.is_ground
         sweep = Sweep(
-            xyz_m=above_m[step],
+            xyz_m=moment.above_m.astype(np.float64),
             velocity_mps=flow.flow_mps[above].astype(np.float64),
             is_candidate=mask.is_moving[above],
             background=mask.background[above],
             vl_feature=_vl_feature(features[frame], fitted, config)[above],
             height_m=ground.height_m[above].astype(np.float64),
-            world_from_sweep=poses[step].world_from_ego,
-            step=step,
+            world_from_sweep=moment.pose.world_from_ego,
+            step=moment.step,
         )
-        found = propose(sweep, history, config)
+        found = propose(sweep, moment.history, config)
         box_of_point: Ints = np.full(len(above), NOISE)
         box_of_point[above] = found.box_of_point
-        return found, box_of_point
+        return moment.pose, found, box_of_point
 
-    for pose, (found, box_of_point) in zip(poses, in_order(proposals, range(len(poses))), strict=True):
+    for pose, found, box_of_point in in_order(proposals, _moments(inputs, config)):
         inputs.count("boxes kept", len(found.boxes))
         for reason, items in found.dropped.items():
             inputs.count(reason, items)
@@ -82,6 +71,52 @@ def run(inputs: Inputs, config: ProposeConfig) -> Iterator[ProposalRow]:
             found.num_points,
             Ragged.grouped(box_of_point, points, len(found.boxes)),
         )
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A frame, and the occupied places in the seconds around it.
+
+    Attributes:
+        pose: Its pose.
+        above_m: (n, 3) its points that stand above the ground, in ego axes.
+        step: Its number in the history.
+        history: Occupied places before, in and after the frame.
+    """
+
+    pose: OdometryRow
+    above_m: Array
+    step: int
+    history: OccupancyHistory
+
+
+def _moments(inputs: Inputs, config: ProposeConfig) -> Iterator[Moment]:
+    """Yield the frames, each with the sweeps in the reach of `persistence.spans_s`: no more of them are held."""
+    import numpy as np
+
+    from upvl_cli.geometry.se3 import apply
+    from upvl_cli.perception.proposals.persistence import occupied_places, sliding_history
+    from upvl_cli.runtime.parallel import in_order
+
+    drive, poses = inputs.drive, inputs.table("odometry", OdometryRow)
+    grounds = inputs.table("ground", GroundRow)
+    coming: deque[tuple[OdometryRow, Array]] = deque()
+
+    def occupied(pose: OdometryRow) -> tuple[OdometryRow, Array, cKDTree]:
+        """Return the points of a frame above the ground, in ego axes, and the places that they occupy."""
+        above_m = drive.points(pose.frame).xyz_ego_m[~grounds[pose.frame].is_ground]
+        world_m = apply(pose.world_from_ego, above_m.astype(np.float64))
+        return pose, above_m, occupied_places(world_m, voxel_m=config.persistence.voxel_m)
+
+    def trees() -> Iterator[cKDTree]:
+        for pose, above_m, tree in in_order(occupied, poses):
+            coming.append((pose, above_m))
+            yield tree
+
+    time_ns = [pose.time_ns for pose in poses]
+    time_s = np.array([(time - time_ns[0]) * 1e-9 for time in time_ns])
+    for step, history in sliding_history(time_s, trees(), config.persistence):
+        yield Moment(*coming.popleft(), step, history)
 
 
 def _vl_feature(row: ExtractVlRow, fitted: PcaRow, config: ProposeConfig) -> Floats:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -19,33 +20,32 @@ def run(inputs: Inputs, config: TrackerConfig) -> Iterator[TrackRow]:
 
     from upvl_cli.geometry.boxes import transform
     from upvl_cli.geometry.se3 import inverse, rotate
-    from upvl_cli.perception.tracking.track import track
-    from upvl_cli.types import Boxes, concat
+    from upvl_cli.perception.tracking.windows import track_in_windows
+    from upvl_cli.types import Boxes, Floats, Ints
 
-    poses = list(inputs.table("odometry", OdometryRow))
-    proposals = inputs.table("propose", ProposalRow)
-    rows = [proposals[pose.frame] for pose in poses]
-    counts = [len(row.num_points) for row in rows]
-    step = np.repeat(np.arange(len(rows)), counts)
-    row_in_frame = np.concatenate([np.zeros(0, np.int64), *(np.arange(count) for count in counts)])
-    num_points = np.concatenate([np.zeros(0, np.int32), *(row.num_points for row in rows)])
-    pairs = list(zip(rows, poses, strict=True))
-    velocity_mps = [rotate(pose.world_from_ego, row.velocity_mps) for row, pose in pairs]
-    tracks = track(
-        step,
-        concat([transform(row.boxes, pose.world_from_ego) for row, pose in pairs], Boxes),
-        np.concatenate([np.zeros((0, 3)), *velocity_mps]),
-        np.array([(pose.time_ns - poses[0].time_ns) * 1e-9 for pose in poses]),
-        config,
-    )
-    inputs.count("boxes tracked", (tracks.box >= 0).sum())
-    inputs.count("boxes coasted", (tracks.box < 0).sum())
-    for reason, items in tracks.dropped.items():
-        inputs.count(f"tracks dropped: {reason}", items)
-    for number, pose in enumerate(poses):
-        here = np.flatnonzero(tracks.frame == number)
-        box, ego_from_world = tracks.box[here], inverse(pose.world_from_ego)
-        boxes = transform(tracks.boxes[here], ego_from_world)
+    poses, proposals = inputs.table("odometry", OdometryRow), inputs.table("propose", ProposalRow)
+    pending: deque[tuple[OdometryRow, Ints]] = deque()
+
+    def world_boxes() -> Iterator[tuple[Boxes, Floats]]:
+        """Yield the boxes of each frame and their velocities in world axes."""
+        for pose in poses:
+            row = proposals[pose.frame]
+            pending.append((pose, row.num_points))
+            yield transform(row.boxes, pose.world_from_ego), rotate(pose.world_from_ego, row.velocity_mps)
+
+    time_ns = [pose.time_ns for pose in poses]
+    time_s = np.array([(time - time_ns[0]) * 1e-9 for time in time_ns])
+    for tracks in track_in_windows(world_boxes(), time_s, config):
+        pose, num_points = pending.popleft()
+        is_seen = tracks.box >= 0
+        inputs.count("boxes tracked", is_seen.sum())
+        inputs.count("boxes coasted", (~is_seen).sum())
+        for reason, items in tracks.dropped.items():
+            inputs.count(f"tracks dropped: {reason}", items)
+        ego_from_world = inverse(pose.world_from_ego)
+        boxes = transform(tracks.boxes, ego_from_world)
+        points_of_track = np.zeros(len(is_seen), dtype=np.int32)
+        points_of_track[is_seen] = num_points[tracks.box[is_seen]]
         yield TrackRow(
             inputs.segment,
             pose.frame,
@@ -53,10 +53,10 @@ def run(inputs: Inputs, config: TrackerConfig) -> Iterator[TrackRow]:
             boxes.center_m,
             boxes.size_lwh_m,
             boxes.heading_rad,
-            velocity_mps=rotate(ego_from_world, tracks.velocity_mps[here]),
-            num_points=np.where(box >= 0, num_points[box] if len(num_points) else 0, 0),
-            track_id=tracks.track_id[here],
-            proposal=np.where(box >= 0, row_in_frame[box] if len(num_points) else -1, -1),
+            velocity_mps=rotate(ego_from_world, tracks.velocity_mps),
+            num_points=points_of_track,
+            track_id=tracks.track_id,
+            proposal=tracks.box,
         )
 
 

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from upvl_cli.config.toml import load
-from upvl_cli.perception.background.completion import BackgroundCompletion, SweepBackground
+from upvl_cli.perception.background.completion import (
+    BackgroundCompletion,
+    CompletionEvidence,
+    SweepBackground,
+    completions,
+)
 from upvl_cli.perception.background.masks import UNKNOWN
 from upvl_cli.perception.background.shape_classifier import ShapeFeatures, compute_shape_features
 from upvl_cli.stages.mask import MaskConfig
@@ -21,7 +27,10 @@ def shapes(xyz: np.ndarray, height: np.ndarray) -> ShapeFeatures:
 
 
 def completion(sweeps: list[SweepBackground]) -> BackgroundCompletion:
-    return BackgroundCompletion(sweeps, CONFIG.place_memory, CONFIG.shape_classifier)
+    evidence = CompletionEvidence(CONFIG.place_memory, CONFIG.shape_classifier)
+    for sweep in sweeps:
+        evidence.add(sweep)
+    return evidence.fit()
 
 
 def sheet(x_m: float, y_m: float, length_m: float, top_m: float) -> np.ndarray:
@@ -106,3 +115,52 @@ def test_a_seen_point_keeps_its_own_state() -> None:
     others = [replace(sweep, background=1 - house) for _ in range(3)]
     known = sweep.background != UNKNOWN
     assert (completion([sweep, *others]).complete(sweep)[known] == house[known]).all()
+
+
+def spots(step: int, background: int) -> SweepBackground:
+    """A point of its own for each sweep, and that of all others, unseen; each 10 m from the next."""
+    xyz = np.column_stack([10.0 * np.arange(60) + 0.1, np.zeros(60), np.ones(60)])
+    state = np.full(60, UNKNOWN)
+    state[step] = background
+    return SweepBackground(state, np.zeros(60, bool), xyz, None)
+
+
+def test_a_long_drive_is_completed_by_the_seconds_around_each_sweep() -> None:
+    """60 s by windows of 20 s: each sweep knows the places of 5 s before and after at least, and of 20 s at most."""
+    time_s, known, taken = np.arange(60.0), {}, 0
+
+    def sweeps() -> Iterator[SweepBackground]:
+        nonlocal taken
+        for step in range(60):
+            taken += 1
+            yield spots(step, step % 2)
+
+    for part, found in completions(
+        time_s, sweeps(), 20.0, lambda: CompletionEvidence(CONFIG.place_memory, CONFIG.shape_classifier)
+    ):
+        assert taken <= part[0] + 21, "no sweep is taken before it is needed"
+        for step in part:
+            state = found.complete(spots(step, step % 2))
+            places = np.flatnonzero(state != UNKNOWN)
+            assert (state[places] == places % 2).all()
+            known[step] = places
+    assert list(known) == list(range(60))
+    for step, places in known.items():
+        assert places.tolist() == list(range(places[0], places[-1] + 1))
+        assert places[0] <= max(0, step - 5)
+        assert places[-1] >= min(59, step + 5)
+        assert len(places) <= 21
+
+
+def test_a_short_drive_is_one_window() -> None:
+    seen = [spots(step, 1) for step in range(21)]
+    ((part, found),) = completions(
+        np.arange(21.0), seen, 20.0, lambda: CompletionEvidence(CONFIG.place_memory, CONFIG.shape_classifier)
+    )
+    assert part == range(21)
+    assert (found.complete(seen[0]) != UNKNOWN).sum() == 21
+    assert not list(
+        completions(
+            np.zeros(0), [], 20.0, lambda: CompletionEvidence(CONFIG.place_memory, CONFIG.shape_classifier)
+        )
+    )

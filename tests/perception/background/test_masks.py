@@ -8,7 +8,6 @@ from upvl_cli.perception.background.masks import (
     UNKNOWN,
     BackgroundClassifier,
     apply_motion_and_policy,
-    background_of_tracks,
     moving,
 )
 from upvl_cli.perception.visual.open_vocabulary import Basis
@@ -64,20 +63,6 @@ def test_the_policy_for_points_without_a_feature() -> None:
 def test_what_moves_is_no_background_whatever_words_say() -> None:
     seen, fast = np.array([1, 1, 0, UNKNOWN]), np.array([True, False, True, True])
     assert applied(seen, fast, "keep") == [UNKNOWN, 1, 0, UNKNOWN]
-
-
-def test_a_track_is_as_much_background_as_its_points_of_all_frames() -> None:
-    none = -1
-    frames = [
-        # Track 7 has proposal 1 with two points of background and two others; track 9 coasts.
-        (np.array([1, 1, 0, 0, 1, UNKNOWN]), np.array([1, 1, 1, 1, none, 0]), np.array([1, none])),
-        # Track 7 has one more point, which is none; track 9 has a point of which nobody knows.
-        (np.array([0, UNKNOWN]), np.array([0, 1]), np.array([0, 1])),
-        (np.zeros(0, int), np.zeros(0, int), np.zeros(0, int)),
-    ]
-    share = background_of_tracks(np.array([7, 9, 7, 9]), frames)
-    np.testing.assert_allclose(share, [0.4, 0, 0.4, 0])
-    assert background_of_tracks(np.zeros(0, int), []).shape == (0,)
 
 
 def test_words_keep_what_moves_where_the_rule_is_off() -> None:

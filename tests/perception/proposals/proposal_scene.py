@@ -15,7 +15,7 @@ from upvl_cli.perception.proposals.config import (
     ProposalBoxConfig,
     ProposalConfig,
 )
-from upvl_cli.perception.proposals.persistence import OccupancyHistory
+from upvl_cli.perception.proposals.persistence import OccupancyHistory, occupied_places
 from upvl_cli.perception.proposals.propose import Proposals, Sweep, propose
 
 CROWD = CrowdConfig(
@@ -71,7 +71,8 @@ def changed(**values: Any) -> ProposalConfig:
 
 def history(time_s: Any, sweeps: list[np.ndarray]) -> OccupancyHistory:
     """The occupied places of sweeps in world axes."""
-    return OccupancyHistory.from_sweeps(np.asarray(time_s), sweeps, voxel_m=PERSISTENCE.voxel_m)
+    trees = [occupied_places(sweep, voxel_m=PERSISTENCE.voxel_m) for sweep in sweeps]
+    return OccupancyHistory(np.asarray(time_s), trees)
 
 
 NO_HISTORY = history(np.zeros(1), [np.zeros((0, 3))])

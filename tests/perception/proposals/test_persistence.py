@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import weakref
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +11,7 @@ import pytest
 from proposal_scene import PERSISTENCE, all_candidates, block, car, history, proposals, sweep
 
 from upvl_cli.perception.clustering import NOISE
+from upvl_cli.perception.proposals.persistence import occupied_places, sliding_history
 
 NOWHERE = np.zeros((0, 3))
 TIMES_S = np.arange(-4, 5) * 0.5
@@ -153,3 +156,44 @@ def test_places_are_compared_in_world_axes() -> None:
     seen = replace(sweep((points, (6.0, 0.0))), step=NOW, world_from_sweep=pose)
     assert len(proposals(seen, history(TIMES_S, [world for _ in TIMES_S])).boxes) == 0
     assert len(proposals(seen, history(TIMES_S, [points for _ in TIMES_S])).boxes) == 1
+
+
+@pytest.mark.parametrize("tolerance", [0.0, 0.25])
+def test_a_window_of_seconds_tells_what_the_whole_drive_tells(tolerance: float) -> None:
+    rng = np.random.default_rng(3)
+    time_s = np.cumsum(rng.uniform(0.05, 0.6, 60))
+    sweeps = [rng.uniform(0, 1, (4, 3)) for _ in time_s]
+    whole, config = history(time_s, sweeps), replace(PERSISTENCE, time_tolerance=tolerance)
+    asked = rng.uniform(0, 1, (20, 3))
+    found = 0
+    for step, (place, window) in enumerate(sliding_history(time_s, whole.trees, config)):
+        assert window.time_s[place] == time_s[step]
+        for span_s in config.spans_s:
+            expected = whole.is_persistent(step, span_s, asked, config)
+            np.testing.assert_array_equal(window.is_persistent(place, span_s, asked, config), expected)
+            found += expected.sum()
+    assert tolerance == 0 or found > 100
+
+
+def test_only_the_sweeps_of_the_window_are_held() -> None:
+    """2.5 s before and after at 10 Hz are 51 sweeps, of a drive of a minute too."""
+    time_s, live, most = np.arange(600) * 0.1, weakref.WeakSet(), 0
+
+    def places() -> Iterator[object]:
+        for _ in time_s:
+            tree = Places()
+            live.add(tree)
+            yield tree
+
+    for _ in sliding_history(time_s, places(), PERSISTENCE):
+        most = max(most, len(live))
+    assert most <= 54
+
+
+class Places:
+    """A stand-in that can be referred to weakly."""
+
+
+def test_no_sweep_has_no_window() -> None:
+    assert list(sliding_history(np.zeros(0), [], PERSISTENCE)) == []
+    assert occupied_places(NOWHERE, voxel_m=0.1).n == 0

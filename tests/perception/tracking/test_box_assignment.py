@@ -7,7 +7,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from upvl_cli.perception.tracking.assignment import assign
+from upvl_cli.perception.tracking.assignment import assign, assign_pairs
 
 
 def brute_force(cost: np.ndarray) -> tuple[int, float]:
@@ -44,3 +44,14 @@ def test_two_dear_pairs_are_better_than_one_cheap_one() -> None:
 def test_nothing_allowed_gives_no_pair(shape: tuple[int, int]) -> None:
     rows, columns = assign(np.full(shape, np.inf))
     assert len(rows) == len(columns) == 0
+
+
+def test_pairs_that_do_not_compete_are_assigned_as_all_at_once() -> None:
+    """The plain way is one matrix of all rows and columns."""
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        cost = np.where(rng.random((12, 9)) < 0.2, rng.random((12, 9)), np.inf)
+        pairs = [(int(i), int(j), float(cost[i, j])) for i, j in np.argwhere(np.isfinite(cost))]
+        rows, columns = assign(cost)
+        assert assign_pairs(pairs) == dict(zip(rows.tolist(), columns.tolist(), strict=True))
+    assert assign_pairs([]) == {}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from upvl_cli.perception.tracking import smoothing
 from upvl_cli.perception.tracking.config import SmoothingConfig
 from upvl_cli.perception.tracking.smoothing import smooth_tracks, weighted_median
 from upvl_cli.types import Boxes
@@ -157,3 +158,17 @@ def test_boxes_in_no_track_are_no_track_together() -> None:
     found, sure = smoothed(rows, np.array([0.8, 0.4]), np.array([-1, -1]), np.array([0.0, 0.1]))
     np.testing.assert_array_equal(found, rows)
     np.testing.assert_allclose(sure, [0.4, 0.2])
+
+
+def test_a_long_track_is_smoothed_block_by_block_as_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The plain way weighs all boxes of the track for each of them; a minute is many times the reach of the weight."""
+    rng = np.random.default_rng(2)
+    rows = np.tile(TRUE, (30, 1)) + rng.normal(0, 0.1, (600, 7))
+    time_s = np.arange(600) / 10 + (np.arange(600) > 300) * 20.0  # with a gap
+    arguments = rows, rng.uniform(0.1, 1, 600), np.zeros(600, int), time_s
+    monkeypatch.setattr(smoothing, "_BLOCK", 600)
+    whole, whole_score = smoothed(*arguments)
+    monkeypatch.setattr(smoothing, "_BLOCK", 50)
+    blocks, score = smoothed(*arguments)
+    np.testing.assert_allclose(blocks, whole, atol=1e-9)
+    np.testing.assert_array_equal(score, whole_score)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,7 +19,20 @@ from upvl_cli.perception.box_fit import to_heading_axes
 from upvl_cli.types import Array, Boxes, Floats
 
 
-def fit_amodal_boxes(seen: Sightings, config: AmodalFitConfig) -> Boxes:
+@dataclass(frozen=True)
+class KnownShape:
+    """What is known of a track from elsewhere, where only a part of it is fitted.
+
+    Attributes:
+        size_lwh_m: (3,) its size.
+        heading_rad: (T,) its heading in the frames of the part.
+    """
+
+    size_lwh_m: Floats
+    heading_rad: Floats
+
+
+def fit_amodal_boxes(seen: Sightings, config: AmodalFitConfig, known: KnownShape | None = None) -> Boxes:
     """Return T boxes around the whole object, all of one size (MI-UP, section 4.3).
 
     The clouds of all frames are registered with each other; the edges of their union are the box, and the inverse
@@ -28,12 +42,13 @@ def fit_amodal_boxes(seen: Sightings, config: AmodalFitConfig) -> Boxes:
     Args:
         seen: The object's points and track.
         config: Settings.
+        known: Size and headings, where they are not to be found from these frames.
     """
     clouds = [
         _above_clearance(xyz_m, height_m, config.ground.ground_clearance_m)
         for xyz_m, height_m in zip(seen.xyz_m, seen.height_m, strict=True)
     ]
-    heading_rad = headings(seen, clouds, config)
+    heading_rad = headings(seen, clouds, config) if known is None else known.heading_rad
     clouds, sensor_xy_m = _to_box_axes(clouds, seen, heading_rad)
     motions = register_track(clouds, config.registration)
     low, high = trimmed_edges(clouds, config.edges.trim_share)
@@ -45,6 +60,8 @@ def fit_amodal_boxes(seen: Sightings, config: AmodalFitConfig) -> Boxes:
         extent_m = attained(high - low, config.edges.min_frame_share)
         first, last, sensor_m = -extent_m / 2, extent_m / 2, sensor_xy_m.mean(axis=0)
     size_m = complete_size(last - first, min_size_m, config.size)
+    if known is not None:
+        size_m, height_m = known.size_lwh_m[:2], float(known.size_lwh_m[2])
     middle = complete_center(first[None], last[None], sensor_m[None], size_m, config.size)[0]
     offset = complete_center(low, high, sensor_xy_m, size_m, config.size)
     for number, motion in motions.items():

@@ -24,10 +24,22 @@ def headings(seen: Sightings, clouds_m: Sequence[Floats], config: AmodalFitConfi
         clouds_m: T clouds (n, 3) of it, in world axes.
         config: Settings.
     """
-    velocity_mps = seen.velocity_mps
-    moves = np.hypot(velocity_mps[:, 0], velocity_mps[:, 1]) >= config.heading.min_speed_mps
+    heading_rad = moving_headings(seen.velocity_mps, config.heading.min_speed_mps)
+    if heading_rad is None:
+        return np.full(len(clouds_m), parked_heading(np.concatenate(clouds_m), seen, config))
+    return heading_rad
+
+
+def moving_headings(velocity_mps: Floats, min_speed_mps: float) -> Array | None:
+    """Return (T,) directions of motion, held through stops; None where nothing moves.
+
+    Args:
+        velocity_mps: (T, 2 or more) smooth velocity.
+        min_speed_mps: Speed from which its direction gives the heading.
+    """
+    moves = np.hypot(velocity_mps[:, 0], velocity_mps[:, 1]) >= min_speed_mps
     if not moves.any():
-        return np.full(len(velocity_mps), parked_heading(np.concatenate(clouds_m), seen, config))
+        return None
     heading_rad = np.unwrap(np.arctan2(velocity_mps[moves, 1], velocity_mps[moves, 0]))
     return np.asarray(np.interp(np.arange(len(moves)), np.flatnonzero(moves), heading_rad))
 

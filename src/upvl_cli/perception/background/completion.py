@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from upvl_cli.perception.background.config import PlaceMemoryConfig, ShapeClassifierConfig
 from upvl_cli.perception.background.masks import UNKNOWN
-from upvl_cli.perception.background.place_memory import PlaceMemory
+from upvl_cli.perception.background.place_memory import PlaceMemory, PlaceSums
 from upvl_cli.perception.background.shape_classifier import ShapeClassifier, ShapeFeatures, training_samples
+from upvl_cli.perception.windows import overlapping_windows
 from upvl_cli.types import Array, Bools, Floats, Ints
 
 
@@ -31,41 +32,83 @@ class SweepBackground:
     shape: ShapeFeatures | None
 
 
-class BackgroundCompletion:
-    """Completes the state of unseen points: from the same place at another time, else from what has its shape."""
+class CompletionEvidence:
+    """What the cameras saw of places and shapes, gathered sweep by sweep."""
 
-    def __init__(
-        self,
-        sweeps: Iterable[SweepBackground],
-        place_memory: PlaceMemoryConfig,
-        shape_classifier: ShapeClassifierConfig,
-    ) -> None:
-        """Fit both to all sweeps of a drive.
+    def __init__(self, place_memory: PlaceMemoryConfig, shape_classifier: ShapeClassifierConfig) -> None:
+        """Start without any.
 
         Args:
-            sweeps: In order of time.
             place_memory: Settings of the memory of places.
             shape_classifier: Settings of the classifier of shapes.
         """
+        self._places = PlaceSums(place_memory)
         self._samples: list[tuple[Floats, Ints]] = []
         self._shape_config = shape_classifier
-        self._memory = PlaceMemory.fit(self._static(sweeps), place_memory)
-        self._classifier = ShapeClassifier(self._samples, shape_classifier)
 
-    def _static(self, sweeps: Iterable[SweepBackground]) -> Iterator[tuple[Floats, Bools]]:
-        """Yield the seen static points of each sweep; gathers training samples of shapes on the way."""
-        for sweep in sweeps:
-            if sweep.shape is not None:
-                self._samples.append(training_samples(sweep.shape, sweep.background, self._shape_config))
-            static = (sweep.background != UNKNOWN) & ~sweep.is_moving
-            yield sweep.xyz_world_m[static], sweep.background[static] == 1
+    def add(self, sweep: SweepBackground) -> None:
+        """Add the seen static points of a sweep, and the training samples of its shapes."""
+        if sweep.shape is not None:
+            self._samples.append(training_samples(sweep.shape, sweep.background, self._shape_config))
+        static = (sweep.background != UNKNOWN) & ~sweep.is_moving
+        self._places.add(sweep.xyz_world_m[static], sweep.background[static] == 1)
+
+    def fit(self) -> BackgroundCompletion:
+        """Return what completes the sweeps, fitted to all that were added."""
+        classifier = ShapeClassifier(self._samples, self._shape_config)
+        return BackgroundCompletion(self._places.memory(), classifier)
+
+
+@dataclass(frozen=True)
+class BackgroundCompletion:
+    """Completes the state of unseen points: from the same place at another time, else from what has its shape.
+
+    Attributes:
+        memory: States of places.
+        classifier: States of shapes.
+    """
+
+    memory: PlaceMemory
+    classifier: ShapeClassifier
 
     def complete(self, sweep: SweepBackground) -> Array:
         """Return (n,) int8 state of each point of a sweep; an unseen point that moves stays `UNKNOWN`."""
         state = np.array(sweep.background, dtype=np.int8)
         unseen = np.flatnonzero((state == UNKNOWN) & ~sweep.is_moving)
-        state[unseen] = self._memory.lookup(sweep.xyz_world_m[unseen])
+        state[unseen] = self.memory.lookup(sweep.xyz_world_m[unseen])
         if sweep.shape is not None:
             unseen = unseen[state[unseen] == UNKNOWN]
-            state[unseen] = self._classifier.classify(sweep.shape)[unseen]
+            state[unseen] = self.classifier.classify(sweep.shape)[unseen]
         return state
+
+
+def completions(
+    time_s: Floats,
+    sweeps: Iterable[SweepBackground],
+    window_s: float,
+    empty: Callable[[], CompletionEvidence],
+) -> Iterator[tuple[range, BackgroundCompletion]]:
+    """Yield the sweeps of a drive, part after part, with what completes them: fitted to a window of time around.
+
+    The evidence of three windows at most is held: they overlap by half or a little more.
+
+    Args:
+        time_s: (T,) ascending time of each sweep.
+        sweeps: T sweeps; taken only as far ahead as the window of the next part reaches.
+        window_s: Length of a window.
+        empty: Gives evidence without any sweep.
+    """
+    windows = overlapping_windows(time_s, window_s)
+    evidence: dict[int, CompletionEvidence] = {}
+    coming, taken = iter(sweeps), 0
+    for number, window in enumerate(windows):
+        evidence.setdefault(number, empty())
+        while taken < window.learned.stop:
+            sweep = next(coming)
+            for later in range(number, len(windows)):
+                if windows[later].learned.start > taken:
+                    break
+                if taken in windows[later].learned:
+                    evidence.setdefault(later, empty()).add(sweep)
+            taken += 1
+        yield window.served, evidence.pop(number).fit()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,25 +76,3 @@ def apply_motion_and_policy(
         dropped &= ~is_moving
     contradicted = (background == 1) & is_moving & moving_is_foreground
     return np.where(dropped, np.int8(1), np.where(contradicted, np.int8(UNKNOWN), background))
-
-
-def background_of_tracks(track: Ints, frames: Iterable[tuple[Ints, Ints, Ints]]) -> Floats:
-    """Return (n,) share of background among the points of the track of each box; 0 where no state is known.
-
-    The points of all frames of a track count alike: r_bg of UP-VL, taken of a track and not of a box.
-
-    Args:
-        track: (n,) track numbers of the boxes of all frames, in order.
-        frames: For each frame (p,) the background state of its points, (p,) the proposal that each belongs to, -1
-            for none, and (b,) the proposal of each of its boxes, -1 for a box that the tracker predicted.
-    """
-    known, hits = [np.zeros(0)], [np.zeros(0)]
-    for state, proposal, box_proposal in frames:
-        total = max(proposal.max(initial=-1), box_proposal.max(initial=-1)) + 1
-        # The last place is that of no proposal: a predicted box has none, and some points neither.
-        for counts, chosen in ((known, state >= 0), (hits, state == 1)):
-            owner = proposal[chosen & (proposal >= 0)]
-            counts.append(np.append(np.bincount(owner, minlength=total), 0)[box_proposal])
-    _, number = np.unique(track, return_inverse=True)
-    points = np.bincount(number, np.concatenate(known))
-    return np.asarray((np.bincount(number, np.concatenate(hits)) / np.maximum(points, 1))[number])

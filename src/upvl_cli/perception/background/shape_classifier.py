@@ -125,15 +125,19 @@ class ShapeClassifier:
         """
         from sklearn.ensemble import HistGradientBoostingClassifier
 
-        feature = np.concatenate([np.zeros((0, FEATURES), np.float32), *(part for part, _ in samples)])
-        state = np.concatenate([np.zeros(0, np.int8), *(part for _, part in samples)])
-        step = max(1, -(-len(state) // config.max_samples))
+        step = max(1, -(-sum(len(state) for _, state in samples) // config.max_samples))
+        chosen: list[tuple[Floats, Ints]] = [(np.zeros((0, FEATURES), np.float32), np.zeros(0, np.int8))]
+        skipped = 0  # samples of a sweep before the first that is chosen
+        for part, part_state in samples:
+            chosen.append((part[skipped::step], part_state[skipped::step]))
+            skipped = (skipped - len(part_state)) % step
+        feature, state = (np.concatenate(parts) for parts in zip(*chosen, strict=True))
         self._trees = None
-        if np.bincount(state[::step], minlength=2).min() >= config.min_samples_per_class:
+        if np.bincount(state, minlength=2).min() >= config.min_samples_per_class:
             trees = HistGradientBoostingClassifier(
                 max_iter=config.iterations, early_stopping=False, random_state=0
             )
-            self._trees = trees.fit(feature[::step], state[::step])
+            self._trees = trees.fit(feature, state)
 
     def classify(self, sweep: ShapeFeatures) -> Array:
         """Return (n,) int8: 1 where a point looks like background, 0 where not, `UNKNOWN` where untrained."""

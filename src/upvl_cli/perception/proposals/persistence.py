@@ -6,7 +6,8 @@ Detect Mobile Objects from LiDAR Scans Without Labels (CVPR 2022), over seconds 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,18 @@ from upvl_cli.perception.proposals.config import PersistenceConfig
 from upvl_cli.perception.voxels import voxelize
 from upvl_cli.types import Bools, Floats
 
+_ROUNDING_S = 1e-6  # far below the time between sweeps
+
+
+def occupied_places(xyz_world_m: Floats, *, voxel_m: float) -> cKDTree:
+    """Return a tree of the occupied places of a sweep.
+
+    Args:
+        xyz_world_m: (n, 3) points above the ground, in world axes.
+        voxel_m: Edge of the voxels that the points are merged in.
+    """
+    return cKDTree(voxelize(xyz_world_m, voxel_m=voxel_m).centroid.reshape(-1, 3))
+
 
 @dataclass(frozen=True)
 class OccupancyHistory:
@@ -23,25 +36,11 @@ class OccupancyHistory:
 
     Attributes:
         time_s: (T,) ascending time of each sweep.
-        trees: A tree of the centroids of the occupied voxels of each sweep.
+        trees: `occupied_places` of each sweep.
     """
 
     time_s: Floats
-    trees: list[cKDTree]
-
-    @classmethod
-    def from_sweeps(
-        cls, time_s: Floats, sweeps_world_m: Iterable[Floats], *, voxel_m: float
-    ) -> OccupancyHistory:
-        """Return the occupied places of the sweeps of a drive.
-
-        Args:
-            time_s: (T,) ascending time of each sweep.
-            sweeps_world_m: T arrays (n, 3) of points above the ground, in world axes.
-            voxel_m: Edge of the voxels that the points of a sweep are merged in.
-        """
-        trees = [cKDTree(voxelize(xyz, voxel_m=voxel_m).centroid.reshape(-1, 3)) for xyz in sweeps_world_m]
-        return cls(np.asarray(time_s, dtype=np.float64), trees)
+    trees: Sequence[cKDTree]
 
     def is_persistent(
         self, step: int, span_s: float, xyz_world_m: Floats, config: PersistenceConfig
@@ -67,3 +66,28 @@ class OccupancyHistory:
                 persistent &= np.isfinite(distance)
                 has_evidence = True
         return persistent & has_evidence
+
+
+def sliding_history(
+    time_s: Floats, trees: Iterable[cKDTree], config: PersistenceConfig
+) -> Iterator[tuple[int, OccupancyHistory]]:
+    """Yield for each sweep of a drive the sweeps around it that its persistence asks for, and its place in them.
+
+    They reach as far as the longest span with its tolerance, whatever the length of the drive.
+
+    Args:
+        time_s: (T,) ascending time of each sweep.
+        trees: `occupied_places` of each sweep; taken only as far ahead as they are needed.
+        config: Spans, and the tolerance in time.
+    """
+    reach_s = max(config.spans_s, default=0.0) * (1 + config.time_tolerance) + _ROUNDING_S
+    held: deque[cKDTree] = deque()
+    coming = iter(trees)
+    first = 0
+    for step, now_s in enumerate(time_s):
+        begin, end = np.searchsorted(time_s, [now_s - reach_s, now_s + reach_s])
+        held.extend(next(coming) for _ in range(end - first - len(held)))
+        for _ in range(begin - first):
+            held.popleft()
+        first = int(begin)
+        yield step - first, OccupancyHistory(time_s[begin:end], tuple(held))

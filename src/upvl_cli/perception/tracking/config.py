@@ -57,6 +57,13 @@ class TrackerConfig(Config):
         "longest time between the end of a track and the start of another that are joined", "s", ge=0, le=3600
     )
     min_boxes: int = setting("fewest boxes of a track; one with fewer is dropped", ge=1, le=10**6)
+    window_s: float = setting(
+        "length of the windows of time in which tracks are found; those of a longer drive overlap by half, and "
+        "tracks of two windows that share boxes are one",
+        "s",
+        ge=1,
+        le=3600,
+    )
     travel: TravelConfig = table("which tracks are dropped because they stand still")
 
 

@@ -8,6 +8,10 @@ from upvl_cli.geometry.se3 import wrap_angle
 from upvl_cli.perception.tracking.config import SmoothingConfig
 from upvl_cli.types import Array, Boxes, Floats, Ints
 
+# Of a track of more boxes than a block only those around a block are weighed: others have less than 1e-13 of the
+# weight. So memory and time do not grow with the square of the track.
+_BLOCK = 500
+_REACH = 8.0  # standard deviations
 _RIDGE = 1e-9  # share of the weight that keeps the line through a single center defined
 
 
@@ -48,10 +52,19 @@ def _smooth(boxes: Boxes, weight: Floats, time_s: Floats, window_s: float) -> Bo
     size_lwh_m = np.array([weighted_median(values, weight) for values in boxes.size_lwh_m.T])
     center_m = boxes.center_m.copy()
     center_m[:, 2] += (size_lwh_m[2] - boxes.size_lwh_m[:, 2]) / 2
-    later_s = time_s - time_s[:, None]  # (n, n): of each column after each row
-    kernel = weight * np.exp(-np.square(later_s / window_s) / 2)
-    heading_rad = _mean_headings(boxes.heading_rad, kernel)
-    return Boxes(_local_lines(center_m, kernel, later_s), np.tile(size_lwh_m, (len(boxes), 1)), heading_rad)
+    path_m, heading_rad = [], []
+    for first in range(0, len(time_s), _BLOCK):
+        here_s = time_s[first : first + _BLOCK]
+        near = slice(0, len(time_s))
+        if len(time_s) > _BLOCK:
+            reach_s = _REACH * window_s
+            near = slice(*np.searchsorted(time_s, [here_s[0] - reach_s, here_s[-1] + reach_s]))
+        later_s = time_s[near] - here_s[:, None]  # (n, m): of each column after each row
+        kernel = weight[near] * np.exp(-np.square(later_s / window_s) / 2)
+        heading_rad.append(_mean_headings(boxes.heading_rad[near], kernel))
+        path_m.append(_local_lines(center_m[near], kernel, later_s))
+    size_lwh_m = np.tile(size_lwh_m, (len(boxes), 1))
+    return Boxes(np.concatenate(path_m), size_lwh_m, np.concatenate(heading_rad))
 
 
 def weighted_median(values: Array, weight: Array) -> float:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from upvl_cli.perception.tracking.assignment import assign
+from upvl_cli.perception.tracking.assignment import assign, assign_pairs
 from upvl_cli.perception.tracking.config import TrackerConfig, TravelConfig
 from upvl_cli.perception.tracking.motion_model import MotionModel, squared_distance, update
 from upvl_cli.types import Array, Boxes, Floats, Ints, concat
@@ -25,7 +25,7 @@ class Tracks:
         box: (n,) row of the box among those that were tracked; -1 where the track coasts.
         boxes: n boxes; where coasting, of the track's median length and width at the filter's position.
         velocity_mps: (n, 3) velocity by the smoother; z as measured.
-        dropped: How many tracks were left out, by reason.
+        dropped_from: First frame of each track that was left out, by reason.
     """
 
     track_id: Ints
@@ -33,7 +33,12 @@ class Tracks:
     box: Ints
     boxes: Boxes
     velocity_mps: Array
-    dropped: Mapping[str, int]
+    dropped_from: Mapping[str, Sequence[int]]
+
+    @property
+    def dropped(self) -> dict[str, int]:
+        """How many tracks were left out, by reason."""
+        return {reason: len(frames) for reason, frames in self.dropped_from.items()}
 
 
 @dataclass(frozen=True)
@@ -88,13 +93,13 @@ def track(frame: Ints, boxes: Boxes, velocity_mps: Floats, time_s: Floats, confi
     state = np.hstack([boxes.center_m[:, :2], velocity_mps[:, :2]])
     measured = _Measurements(frame, boxes, velocity_mps, state, model.noise(boxes), time_s)
     fragments = _associate(model, measured, config)
-    dropped = {"too few boxes": 0, "goes nowhere": 0}
+    dropped: dict[str, list[int]] = {"too few boxes": [], "goes nowhere": []}
     found = []
     for rows in _join_fragments(model, measured, fragments, config):
         if len(rows) < config.min_boxes:
-            dropped["too few boxes"] += 1
+            dropped["too few boxes"].append(int(frame[rows[0]]))
         elif config.travel.required and not travels(state[rows], measured.time_of(rows), config.travel):
-            dropped["goes nowhere"] += 1
+            dropped["goes nowhere"].append(int(frame[rows[0]]))
         else:
             found.append(rows)
     pieces = [_filled_track(model, measured, rows, number) for number, rows in enumerate(found)]
@@ -104,9 +109,11 @@ def track(frame: Ints, boxes: Boxes, velocity_mps: Floats, time_s: Floats, confi
 def _associate(model: MotionModel, measured: _Measurements, config: TrackerConfig) -> list[Ints]:
     """Return the boxes of each track by one pass through time, in the order of their first boxes."""
     tracks: list[_OpenTrack] = []
+    active: list[_OpenTrack] = []
     for frame in np.unique(measured.frame):
-        rows, time_s = np.flatnonzero(measured.frame == frame), float(measured.time_s[frame])
-        active = [item for item in tracks if time_s - item.time_s <= config.max_coast_s]
+        rows = np.arange(*np.searchsorted(measured.frame, [frame, frame + 1]))
+        time_s = float(measured.time_s[frame])
+        active = [item for item in active if time_s - item.time_s <= config.max_coast_s]
         state, covariance = model.predict(
             np.array([item.state for item in active]).reshape(-1, 4),
             np.array([item.covariance for item in active]).reshape(-1, 4, 4),
@@ -123,7 +130,8 @@ def _associate(model: MotionModel, measured: _Measurements, config: TrackerConfi
             item.rows.append(int(row))
             item.time_s = time_s
         for row in np.delete(rows, pairs[1]):
-            tracks.append(_OpenTrack(measured.state[row], measured.noise[row], [int(row)], time_s))
+            active.append(_OpenTrack(measured.state[row], measured.noise[row], [int(row)], time_s))
+            tracks.append(active[-1])
     return [np.array(item.rows) for item in tracks]
 
 
@@ -141,14 +149,16 @@ def _join_fragments(
 ) -> list[Ints]:
     """Return the boxes of each track where a fragment that begins within the gate of another's end belongs to it."""
     fits = [_smooth(model, measured, rows) for rows in fragments]
-    cost = np.full((len(fragments), len(fragments)), np.inf)
-    starts_s = np.array([measured.time_of(rows[0]) for rows in fragments])
+    starts_s = np.array([measured.time_of(rows[0]) for rows in fragments])  # ascending
+    pairs: list[tuple[int, int, float]] = []
     for i, (rows, (states, covariances)) in enumerate(zip(fragments, fits, strict=True)):
         gap_s = starts_s - measured.time_of(rows[-1])
-        for j in np.flatnonzero((gap_s > 0) & (gap_s <= config.max_gap_s)):
+        for j in np.flatnonzero((gap_s > 0) & (gap_s <= config.max_gap_s)).tolist():
             state, covariance = model.predict(states[-1], covariances[-1], gap_s[j])
-            cost[i, j] = squared_distance(fits[j][0][0] - state, fits[j][1][0] + covariance)
-    successor = dict(zip(*assign(np.where(cost <= config.gate_sigma**2, cost, np.inf)), strict=True))
+            cost = squared_distance(fits[j][0][0] - state, fits[j][1][0] + covariance)
+            if cost <= config.gate_sigma**2:
+                pairs.append((i, j, float(cost)))
+    successor = assign_pairs(pairs)
     tracks = []
     for first in sorted(set(range(len(fragments))) - set(successor.values())):
         links = [first]
@@ -201,7 +211,9 @@ def _filled_track(
     return np.full(len(frame), number), frame, box, Boxes(center_m, size_lwh_m, heading_rad), velocity_mps
 
 
-def _stack(pieces: Sequence[tuple[Array, Array, Array, Boxes, Array]], dropped: Mapping[str, int]) -> Tracks:
+def _stack(
+    pieces: Sequence[tuple[Array, Array, Array, Boxes, Array]], dropped: Mapping[str, list[int]]
+) -> Tracks:
     if not pieces:
         none = np.zeros(0, dtype=np.int64)
         return Tracks(none, none, none, concat([], Boxes), np.zeros((0, 3)), dropped)
