@@ -85,6 +85,8 @@ def with_poses(drive: Drive, world_from_ego: Array) -> Drive:
     """Return the drive with other poses; a reader that moves points by poses takes these too."""
     if is_dataclass(drive) and hasattr(drive, "untwist"):
         return replace(drive, world_from_ego=world_from_ego)  # type: ignore[type-var,return-value]
+    if isinstance(drive, ChangedDrive):
+        return replace(drive, world_from_ego=world_from_ego)
     return ChangedDrive(drive, drive.frames, world_from_ego)
 
 
@@ -174,9 +176,9 @@ def late_poses(drive: Drive, seconds: float) -> Drive:
 
 
 def frames_late(drive: Drive, frames: int) -> Drive:
-    """Return the drive whose pose of a frame is that of a frame before."""
+    """Return the drive, without its first frames, whose pose of a frame is that of a frame before."""
     poses = poses_of(drive)
-    return with_poses(drive, poses[np.maximum(np.arange(len(poses)) - frames, 0)])
+    return with_poses(ChangedDrive(drive, drive.frames[frames:], poses), poses[:-frames])
 
 
 # Points
@@ -263,7 +265,7 @@ _HALF_TURN = np.diag([-1.0, -1.0, 1.0])
 _CAMERA = [[0, -1, 0], [0, 0, -1], [1, 0, 0]]
 
 POSE_FAULTS: dict[str, Case] = {
-    "path mirrored": Case(partial(map_positions, change=lambda xyz: xyz * [1, -1, 1]), "poses", ("mirrored",)),
+    "path mirrored": Case(partial(map_positions, change=lambda xyz: xyz * [1, -1, 1]), "poses", ("path is mirrored",)),
     "yaw = pi/2 - yaw": Case(partial(map_yaw, change=lambda yaw: np.pi / 2 - yaw), "poses", ("wrong sense",)),
     "x and y swapped": Case(partial(map_positions, change=lambda xyz: xyz[:, [1, 0, 2]]), "poses", ("swapped",)),
     "heading + 90": Case(partial(map_yaw, change=lambda yaw: yaw + np.pi / 2), "poses", ("turned by", "axes")),

@@ -93,10 +93,24 @@ class MotionLimitsConfig(Config):
 
 
 @dataclass(frozen=True)
+class CompensationConfig(Config):
+    """Motion compensation of the points."""
+
+    min_speed_mps: float = setting("a slower car does not show it", "m/s", gt=0, le=100)
+    min_spread_share: float = setting(
+        "share of the time between sweeps over which times of points spread, at least", gt=0, le=1
+    )
+    iterations: int = setting("rounds of pairing and fitting", ge=1, le=100)
+    tolerance: float = setting("share of the motion compensation that may be missing", ge=0, le=1)
+    sigmas: float = setting("standard deviations within which the share fits a state", gt=0, le=100)
+
+
+@dataclass(frozen=True)
 class MotionCheckConfig(Config):
     """Checks of poses, axes and motion compensation by the sweeps themselves."""
 
     road: RoadConfig = table("The plane of the road.")
     structure: StructureConfig = table("What stands above the road.")
     registration: RegisterConfig = table("Motion between two sweeps.")
+    compensation: CompensationConfig = table("Motion compensation of the points.")
     limits: MotionLimitsConfig = table("From where on a motion is wrong.")

@@ -28,11 +28,13 @@ class PathSteps:
         dt_s: (T - 1,) time of each.
         motion: (T - 1, 4, 4) motion of each, in the axes of the car.
         velocity_mps: (T - 1, 3) in world axes.
+        repeats: (T - 1,) whether the pose after the step is that before it.
     """
 
     dt_s: Floats
     motion: Floats
     velocity_mps: Floats
+    repeats: Bools
 
     @property
     def speed_mps(self) -> Floats:
@@ -46,16 +48,17 @@ class PathSteps:
         return np.asarray(np.arccos(np.clip(cosine, -1, 1)) / self.dt_s)
 
     @property
-    def repeats(self) -> Bools:
-        """(T - 1,) whether the pose after the step is that before it."""
-        return np.asarray(np.abs(self.motion - np.eye(4)).max(axis=(1, 2)) < 1e-9)
-
-    @property
     def jumps(self) -> Bools:
         """(T - 1,) whether the velocity is far from that of the steps around."""
         typical = median_filter(self.velocity_mps, size=(min(7, len(self.velocity_mps)), 1), mode="nearest")
         deviation = np.linalg.norm(self.velocity_mps - typical, axis=1)
         return np.asarray(deviation > _NOISE_MPS + 15.0 * self.dt_s)
+
+    @property
+    def single_jumps(self) -> Bools:
+        """(T - 1,) jumps, where they are few and no pose repeats the one before; else none."""
+        jumps = self.jumps & ~self.repeats & ~np.append(False, self.repeats[:-1])
+        return np.asarray(jumps if jumps.mean() <= _FEW else np.zeros_like(jumps))
 
 
 def path_steps(frames: Sequence[Frame], world_from_ego: Array) -> PathSteps:
@@ -64,7 +67,8 @@ def path_steps(frames: Sequence[Frame], world_from_ego: Array) -> PathSteps:
     dt_s = np.maximum(np.diff(times_ns) * 1e-9, 1e-3)
     poses = np.asarray(world_from_ego, dtype=np.float64)
     motion = compose(inverse(poses[:-1]), poses[1:])
-    return PathSteps(dt_s, motion, np.diff(poses[:, :3, 3], axis=0) / dt_s[:, None])
+    change = np.diff(poses, axis=0)
+    return PathSteps(dt_s, motion, change[:, :3, 3] / dt_s[:, None], np.abs(change).max(axis=(1, 2)) < 1e-9)
 
 
 def are_rigid(world_from_ego: Array) -> Bools:
@@ -100,8 +104,8 @@ def check_path(frames: Sequence[Frame], world_from_ego: Array, limits: MotionLim
     if steps.repeats.all():
         return
     yield from _repeats(frames, steps)
-    jumps = steps.jumps & ~steps.repeats & ~np.append(False, steps.repeats[:-1])
-    if jumps.any() and jumps.mean() <= _FEW:
+    jumps = steps.single_jumps
+    if jumps.any():
         worst = int(np.argmax(np.where(jumps, steps.speed_mps, 0)))
         jump_m = float(steps.speed_mps[worst] * steps.dt_s[worst])
         words = f"the path jumps in {jumps.sum()} of {len(jumps)} steps, by up to {jump_m:.1f} m"

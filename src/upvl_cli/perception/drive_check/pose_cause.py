@@ -19,6 +19,7 @@ _UNIT_TOLERANCE = 0.04
 # LiDARs on cars are that high above the road; one whose axes stand on the road shows no height.
 _LIDAR_HEIGHT_M = (1.0, 3.5)
 _MOST_CAUSES = 3
+UNKNOWN = "not known"
 
 
 def name_cause(
@@ -37,7 +38,7 @@ def name_cause(
         if found:
             break
     else:
-        words = f"not known: none of {len(candidates)} possible errors of poses explains the sweeps"
+        words = f"{UNKNOWN}: none of {len(candidates)} possible errors of poses explains the sweeps"
         return words, ESTIMATED, None
     found = _likeliest(found)
     best, fit = found[0]

@@ -13,11 +13,12 @@ from upvl_cli.perception.drive_check.motion_config import MotionLimitsConfig
 from upvl_cli.perception.drive_check.motion_survey import MotionSurvey
 from upvl_cli.perception.drive_check.pose_arithmetic import ESTIMATED, frame_list, path_steps
 from upvl_cli.perception.drive_check.pose_cause import name_cause
-from upvl_cli.perception.drive_check.pose_delay import estimate_delay
+from upvl_cli.perception.drive_check.pose_delay import PoseDelay, estimate_delay
 from upvl_cli.perception.drive_check.pose_fit import PoseFit, fit_motions
 from upvl_cli.perception.drive_check.pose_hypotheses import PosePairs
 from upvl_cli.perception.drive_check.sample import DriveSample
-from upvl_cli.types import Array, Floats
+from upvl_cli.perception.drive_check.turn_ratio import estimate_turn_ratio
+from upvl_cli.types import Floats
 
 REFINED = 'set poses = "refined" in odometry.toml'
 _EVIDENCE_PAIRS = 6  # pairs of sweeps that the distance of static points is measured in
@@ -145,33 +146,51 @@ def smooth_positions(pairs: PosePairs, half_window_s: float) -> Floats:
 def _agreement(
     sample: DriveSample, pairs: PosePairs, fit: PoseFit, evidence: str, limits: MotionLimitsConfig
 ) -> Iterator[Finding]:
-    """Yield the findings on poses that agree on the whole: roughness, single steps, delay."""
+    """Yield the findings on poses that agree on the whole: single steps, roughness, sense of turns, delay."""
+    jumps = np.append(False, path_steps(sample.frames, pairs.world_from_ego).single_jumps)
+    off = ~fit.agrees & ~jumps[pairs.second]
+    if off.any():
+        words = f"they differ from the sweeps by {np.linalg.norm(fit.offset_m[off], axis=1).max() * pairs.unit_m:.2f} m"
+        where = frame_list(sample.frames, pairs.second[off])
+        yield Finding("poses", "warning", words, where, evidence, "bad records", REFINED)
     smooth = fit_motions(pairs.between(smooth_positions(pairs, limits.smoothing_s)), pairs, limits)
-    raw_mps, smooth_mps = (
-        float(np.sqrt(np.mean((part.offset_m[:, :2] ** 2).sum(axis=1) / pairs.dt_s**2))) * pairs.unit_m
-        for part in (fit, smooth)
-    )
-    moves = np.linalg.norm(pairs.measured[:, :3, 3], axis=1) * pairs.unit_m / pairs.dt_s > limits.min_speed_mps
+    smooth_mps = float(
+        np.sqrt(np.mean((smooth.offset_m[fit.agrees, :2] ** 2).sum(axis=1) / pairs.dt_s[fit.agrees] ** 2))
+    ) * pairs.unit_m
+    turn = estimate_turn_ratio(pairs)
+    turn_cause = turn.cause(limits) if turn else ""
     delay = estimate_delay(pairs, limits)
-    if smooth_mps > limits.roughness_mps:
+    if smooth_mps > limits.roughness_mps and not jumps.any():
         words = f"steps differ from the sweeps by {smooth_mps:.2f} m/s even after smoothing"
         yield Finding("poses", "warning", words, "", evidence, "positions are rounded or noisy", REFINED)
+    elif turn and turn_cause:
+        words = f"the car turns {turn.value:.2f} times as much by the sweeps as by the poses"
+        evidence += f"; standard deviation {turn.sigma:.2f}"
+        yield Finding("poses", "fault", words, "", evidence, turn_cause, ESTIMATED)
     elif delay is not None and delay.is_clear(limits):
         words = f"they are {abs(delay.seconds):.3f} s {'late' if delay.seconds > 0 else 'early'}"
         line = f"set pose_delay_s = {delay.seconds:.3f} under [corrections] in raw.toml"
         evidence += f"; standard deviation {delay.sigma_s:.3f} s"
         yield Finding("poses", "warning", words, "", evidence, "clocks of poses and sweeps differ", line)
-    elif not moves.any():
+    elif not off.any():
+        yield _good(pairs, fit, evidence, delay, limits)
+
+
+def _good(
+    pairs: PosePairs, fit: PoseFit, evidence: str, delay: PoseDelay | None, limits: MotionLimitsConfig
+) -> Finding:
+    """Return the finding on poses that are right, with what they would show."""
+    speed_mps = np.linalg.norm(pairs.measured[:, :3, 3], axis=1) * pairs.unit_m / pairs.dt_s
+    if not (speed_mps > limits.min_speed_mps).any():
         words = "poses and sweeps agree that the car stands in all sweeps looked at: a moving car would show more"
-        yield Finding("poses", "ok", words, "", evidence)
+        return Finding("poses", "ok", words, "", evidence)
+    cm = float(np.median(np.hypot(fit.offset_m[:, 0], fit.offset_m[:, 1]))) * pairs.unit_m * 100
+    words = f"poses agree with the sweeps within {cm:.1f} cm a step"
+    if delay is None:
+        words += "; speed and turn change too little to show a delay"
     else:
-        cm = float(np.median(np.hypot(fit.offset_m[:, 0], fit.offset_m[:, 1]))) * pairs.unit_m * 100
-        words = f"poses agree with the sweeps within {cm:.1f} cm a step"
-        if delay is not None:
-            words += f"; a delay would show from {max(limits.sigmas * delay.sigma_s, limits.min_delay_s):.2f} s on"
-        else:
-            words += "; speed and turn change too little to show a delay"
-        yield Finding("poses", "ok", words, "", evidence)
+        words += f"; a delay would show from {max(limits.sigmas * delay.sigma_s, limits.min_delay_s):.2f} s on"
+    return Finding("poses", "ok", words, "", evidence)
 
 
 def check_constant(sample: DriveSample, survey: MotionSurvey, limits: MotionLimitsConfig) -> Iterator[Finding]:
@@ -189,7 +208,3 @@ def check_constant(sample: DriveSample, survey: MotionSurvey, limits: MotionLimi
         evidence = f"{len(moving)} of {len(survey.measured)} pairs of sweeps"
         yield Finding("poses", "fault", words, "", evidence, "one record is repeated for all frames", ESTIMATED)
 
-
-def as_poses(values: Array) -> Floats:
-    """Return poses as float64."""
-    return np.asarray(values, dtype=np.float64)

@@ -146,8 +146,8 @@ def _headings(pairs: PosePairs) -> Iterator[PoseHypothesis]:
         if not moving.any():
             continue
         offset = _circular_median(measured_way[moving] - way[moving])
-        if not mirrored and factor == 1.0 and abs(offset) < np.deg2rad(4):
-            continue
+        if not mirrored and factor == 1.0 and _is_quarter(offset):
+            continue  # other axes, or nothing wrong
         direction = way + offset
         place = np.stack([length_m * np.cos(direction), length_m * np.sin(direction), step[:, 2]], axis=1)
         motions = from_yaw(turned[pairs.second] - turned[pairs.first], place)
@@ -160,8 +160,18 @@ def _circular_median(angles: Floats) -> float:
     return float(wrap_angle(mean + np.median(wrap_angle(angles - mean))))
 
 
+def _is_quarter(angle_rad: float) -> bool:
+    """Return whether an angle is nearly a multiple of 90 degrees."""
+    return bool(abs(wrap_angle(4 * angle_rad)) < 4 * np.deg2rad(4))
+
+
 def _heading_cause(mirrored: bool, factor: float, offset_rad: float) -> tuple[str, int]:
-    """Return a cause in words, and its rank."""
+    """Return a cause in words, and its rank: errors of signs and orders leave multiples of 90 degrees."""
+    words, rank = _sense_cause(mirrored, factor, offset_rad)
+    return words, rank if _is_quarter(offset_rad) else rank + 9
+
+
+def _sense_cause(mirrored: bool, factor: float, offset_rad: float) -> tuple[str, int]:
     if factor > 1:
         return "yaw is in radians where degrees are expected: it turns 57 times too little", 3
     if 0 < factor < 1:
@@ -172,7 +182,7 @@ def _heading_cause(mirrored: bool, factor: float, offset_rad: float) -> tuple[st
         return "yaw has the wrong sense: it is measured clockwise, for example from north (pi/2 - yaw)", 2
     if mirrored:
         return "left and right are swapped in the poses or in the points", 9
-    return f"the heading is turned by {np.degrees(offset_rad):.0f} degrees against the path", 3
+    return f"the heading is turned by {np.degrees(offset_rad):.0f} degrees against the path", 0
 
 
 def _other_order(pairs: PosePairs) -> Iterator[PoseHypothesis]:

@@ -29,13 +29,11 @@ class PlanarMotion:
         vector: (3,) x (m), y (m), yaw (rad).
         covariance: (3, 3) of the vector.
         inlier_share: Share of the voxels of the source with a partner.
-        skew: Share of a motion compensation that is missing, and its standard deviation: see `compensation_check`.
     """
 
     vector: Floats
     covariance: Floats
     inlier_share: float
-    skew: tuple[float, float] = (0.0, np.inf)
 
     @property
     def matrix(self) -> Floats:
@@ -61,7 +59,7 @@ def measure_motion(
     """
     if min(len(source), len(target)) < config.neighbors:
         return None
-    surfaces = _information(target, config)
+    surfaces = surface_information(target, config)
     coarse = coarse_motions(source, target, dt_s, config)
     candidates = [
         guess + (x, y, 0.0)
@@ -84,7 +82,7 @@ def agreement(
     source: UprightStructure, target: UprightStructure, surfaces: Floats, vector: Floats, config: RegisterConfig
 ) -> float:
     """Return how well a motion explains two sweeps: 1 where every voxel lies on a surface of the other, 0 for none."""
-    found = _match(source, target, surfaces, vector, config.radius_m[-1])
+    found = match_surfaces(source, target, surfaces, vector, config.radius_m[-1])
     return float((1 / (1 + found.mahalanobis / 4)).sum()) / max(len(source), 1)
 
 
@@ -120,7 +118,7 @@ def _occupied(xy_m: Floats, size: int, cell_m: float) -> Floats:
     return grid
 
 
-def _information(target: UprightStructure, config: RegisterConfig) -> Floats:
+def surface_information(target: UprightStructure, config: RegisterConfig) -> Floats:
     """Return (n, 3) inverse covariance of each voxel's surface in the plane: xx, xy, yy in 1/m2."""
     places = target.tree.data
     _, near = target.tree.query(places, k=min(config.neighbors, len(places)))
@@ -155,7 +153,7 @@ def _refine(
     return PlanarMotion(vector, covariance, system.inlier_share)
 
 
-class _Match(NamedTuple):
+class SurfaceMatch(NamedTuple):
     """Voxels of a source with a partner in the target.
 
     Attributes:
@@ -174,10 +172,15 @@ class _Match(NamedTuple):
     surface: Floats
     mahalanobis: Floats
 
+    @property
+    def weight(self) -> Floats:
+        """(k,) weight of each, by the robust kernel of Geman and McClure at two standard deviations."""
+        return np.asarray(1 / (1 + self.mahalanobis / 4) ** 2)
 
-def _match(
+
+def match_surfaces(
     source: UprightStructure, target: UprightStructure, surfaces: Floats, vector: Floats, radius_m: float
-) -> _Match:
+) -> SurfaceMatch:
     moved = apply(from_yaw(float(vector[2]), np.array([vector[0], vector[1], 0.0])), source.xyz_m)
     distance, partner = target.tree.query(target.search_places(moved), distance_upper_bound=radius_m)
     row = np.flatnonzero(np.isfinite(distance))
@@ -189,7 +192,7 @@ def _match(
         + 2 * surface[:, 1] * gap[:, 0] * gap[:, 1]
         + surface[:, 2] * gap[:, 1] ** 2
     )
-    return _Match(row, partner, moved, gap, surface, mahalanobis)
+    return SurfaceMatch(row, partner, moved, gap, surface, mahalanobis)
 
 
 @dataclass(frozen=True)
@@ -215,12 +218,12 @@ class _Normal:
         radius_m: float,
         config: RegisterConfig,
     ) -> _Normal | None:
-        found = _match(source, target, surfaces, vector, radius_m)
+        found = match_surfaces(source, target, surfaces, vector, radius_m)
         if len(found.gap_m) < config.neighbors:
             return None
         moved, gap = found.moved_m, found.gap_m
         xx, xy, yy = found.surface.T
-        weight = 1 / (1 + found.mahalanobis / 4) ** 2  # Geman-McClure at two standard deviations
+        weight = found.weight
         lever = moved - (vector[0], vector[1], 0.0)
         jacobian = np.zeros((len(moved), 2, 3))
         jacobian[:, 0, 0] = jacobian[:, 1, 1] = 1.0
