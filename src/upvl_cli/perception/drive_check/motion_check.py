@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from upvl_cli.perception.drive_check.axes_check import check_axes, estimate_axes
+from upvl_cli.perception.drive_check.compensation_check import check_compensation, estimate_compensation
 from upvl_cli.perception.drive_check.finding import Finding
 from upvl_cli.perception.drive_check.motion_config import MotionCheckConfig
 from upvl_cli.perception.drive_check.motion_survey import MotionSurvey, survey_motion
@@ -15,7 +16,7 @@ from upvl_cli.perception.drive_check.sample import DriveSample
 
 
 def check_motion(
-    sample: DriveSample, config: MotionCheckConfig, survey: MotionSurvey | None = None
+    sample: DriveSample, config: MotionCheckConfig, survey: MotionSurvey | None = None, *, is_quick: bool = False
 ) -> Iterator[Finding]:
     """Yield the findings on axes, poses and motion compensation.
 
@@ -23,11 +24,14 @@ def check_motion(
         sample: Sweeps and poses of the drive.
         config: Settings.
         survey: Motion by the sweeps alone, where it was measured already.
+        is_quick: Whether motion compensation, which takes seconds, is left out.
     """
     survey = survey or survey_motion(sample, config)
     axes = estimate_axes(survey, config.limits)
     yield from check_axes(axes, survey, poses_decide=sample.world_from_ego is not None)
     yield from check_poses(sample, config, survey)
+    if not is_quick:
+        yield from check_compensation(estimate_compensation(survey, config))
 
 
 def check_poses(

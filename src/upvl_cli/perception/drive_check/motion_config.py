@@ -97,10 +97,10 @@ class CompensationConfig(Config):
     """Motion compensation of the points."""
 
     min_speed_mps: float = setting("a slower car does not show it", "m/s", gt=0, le=100)
-    min_spread_share: float = setting(
-        "share of the time between sweeps over which times of points spread, at least", gt=0, le=1
-    )
-    iterations: int = setting("rounds of pairing and fitting", ge=1, le=100)
+    min_spread_s: float = setting("times of points that spread less say nothing", "s", gt=0, le=1)
+    distance_m: float = setting("way of the car between the sweeps that are compared", "m", gt=0, le=100)
+    max_gap_s: float = setting("longest time between the sweeps that are compared", "s", gt=0, le=60)
+    pairs: int = setting("pairs of sweeps that are compared, at most", ge=3, le=1000)
     tolerance: float = setting("share of the motion compensation that may be missing", ge=0, le=1)
     sigmas: float = setting("standard deviations within which the share fits a state", gt=0, le=100)
 

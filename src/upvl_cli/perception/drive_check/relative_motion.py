@@ -71,7 +71,7 @@ def measure_motion(
     scores = [agreement(few, target, surfaces, start, config) for start in candidates]
     best, highest = None, 0.0
     for place in np.argsort(-np.array(scores), kind="stable")[: config.starts]:
-        found = _refine(source, target, surfaces, candidates[place], config)
+        found = refine_motion(source, target, surfaces, candidates[place], config)
         score = agreement(source, target, surfaces, found.vector, config) if found else 0.0
         if score > highest:
             best, highest = found, score
@@ -131,9 +131,10 @@ def surface_information(target: UprightStructure, config: RegisterConfig) -> Flo
     return np.stack([yy, -cross, xx], axis=1) / determinant[:, None]
 
 
-def _refine(
+def refine_motion(
     source: UprightStructure, target: UprightStructure, surfaces: Floats, guess: Floats, config: RegisterConfig
 ) -> PlanarMotion | None:
+    """Refine a guess by ICP in the plane; None where the sweeps do not fix the motion."""
     vector = np.array(guess, dtype=np.float64)
     for radius_m in config.radius_m:
         for _ in range(config.iterations):
