@@ -74,7 +74,9 @@ def names_fault(findings: list[Finding], case: Case) -> bool:
 
 def main() -> None:
     """Print a line for each drive and fault, and count."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("folders", nargs="*", type=Path)
     parser.add_argument("--dataset", default="kitti")
     parser.add_argument("--city", nargs="*", type=int, default=[])
@@ -86,7 +88,11 @@ def main() -> None:
     for name, drive in drives(options):
         cases: dict[str, Case | None] = {"right": None, **FAULTS}
         for fault, case in cases.items():
-            if (options.quick and "compensation" in fault) or options.only not in fault or (case and case.needs_poses and drive.world_from_ego is None):
+            if (
+                (options.quick and "compensation" in fault)
+                or options.only not in fault
+                or (case and case.needs_poses and drive.world_from_ego is None)
+            ):
                 continue
             part = sample(case.make(drive) if case else drive, quick=options.quick)
             for step in part.steps:
@@ -97,7 +103,10 @@ def main() -> None:
             worst = max(findings, key=lambda finding: LEVELS.index(finding.level))
             is_right = names_fault(findings, case) if case else worst.level in ("ok", "cannot tell")
             tally[f"{'named' if case else 'no false finding'}: {is_right}"] += 1
-            print(f"{name:22} {fault:22} {worst.level:11} {'yes' if is_right else 'NO ':3} {spent_s:5.1f} s", flush=True)
+            print(
+                f"{name:22} {fault:22} {worst.level:11} {'yes' if is_right else 'NO ':3} {spent_s:5.1f} s",
+                flush=True,
+            )
             for finding in findings:
                 if finding.level in ("warning", "fault") or not is_right:
                     print(f"    {finding.level}: {finding.sentence}")

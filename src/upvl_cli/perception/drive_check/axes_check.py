@@ -118,9 +118,7 @@ def _main_direction(velocity: Floats) -> Floats:
     return main if (velocity @ main).sum() >= 0 else -main
 
 
-def check_axes(
-    axes: AxesEstimate, survey: MotionSurvey, *, poses_decide: bool
-) -> Iterator[Finding]:
+def check_axes(axes: AxesEstimate, survey: MotionSurvey, *, poses_decide: bool) -> Iterator[Finding]:
     """Yield what the sweeps say of their axes.
 
     Args:
@@ -129,7 +127,9 @@ def check_axes(
         poses_decide: Whether poses will say why the car moves backwards.
     """
     if not axes.up:
-        yield Finding("axes", "cannot tell", "the road is not clear enough in the sweeps to tell which way is up")
+        yield Finding(
+            "axes", "cannot tell", "the road is not clear enough in the sweeps to tell which way is up"
+        )
         return
     evidence = f"road found in {sum(road is not None for road in survey.roads)} of {len(survey.roads)} sweeps"
     if axes.moving:
@@ -176,4 +176,12 @@ def _reverse(axes: AxesEstimate, evidence: str, line: str) -> Finding:
     cause = "axes of the points turned by 180 degrees, or sweeps in reversed order"
     is_slow = axes.speed_mps < 4.0  # no car backs up faster for long
     cause = f"the car backs up, or {cause}" if is_slow else cause
-    return Finding("axes", "warning" if is_slow else "fault", words, "", evidence, cause, f"{line}, or sort the sweeps by time")
+    return Finding(
+        "axes",
+        "warning" if is_slow else "fault",
+        words,
+        "",
+        evidence,
+        cause,
+        f"{line}, or sort the sweeps by time",
+    )

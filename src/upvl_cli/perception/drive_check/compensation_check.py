@@ -24,7 +24,9 @@ from upvl_cli.types import Floats
 
 CompensationState = Literal["done", "not done", "done twice", "cannot tell"]
 _MISSING: dict[CompensationState, float] = {"done": 0.0, "not done": 1.0, "done twice": -1.0}
-_SHARES = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])  # around the three that occur, so that a parabola has its top inside
+_SHARES = np.array(
+    [-2.0, -1.0, 0.0, 1.0, 2.0]
+)  # around the three that occur, so that a parabola has its top inside
 _MIN_PAIRS = 3
 
 
@@ -84,7 +86,9 @@ def estimate_compensation(survey: MotionSurvey, config: MotionCheckConfig) -> Co
     timed = [step for step, structure in survey.structures.items() if _is_timed(structure, limits)]
     if not timed:
         return Compensation("cannot tell", reason="points have no times of their own")
-    moving = [step for step in timed if np.hypot(*path.velocity(survey.times_s[step])[:2]) > limits.min_speed_mps]
+    moving = [
+        step for step in timed if np.hypot(*path.velocity(survey.times_s[step])[:2]) > limits.min_speed_mps
+    ]
     if not moving:
         reason = "the car stands or is slow in all sweeps looked at"
         return Compensation("cannot tell", reason=reason)
@@ -95,7 +99,9 @@ def estimate_compensation(survey: MotionSurvey, config: MotionCheckConfig) -> Co
         return Compensation("cannot tell", reason="too few sweeps a few metres apart can be compared")
     share, sigma = _top(scores)
     state = _state(share, sigma, limits)
-    reason = "" if state != "cannot tell" else f"missing share {share:.2f} +- {sigma:.2f} from {len(scores)} pairs"
+    reason = (
+        "" if state != "cannot tell" else f"missing share {share:.2f} +- {sigma:.2f} from {len(scores)} pairs"
+    )
     return Compensation(state, share, sigma, len(scores), reason)
 
 
@@ -113,7 +119,9 @@ def _distant_pairs(
     """Return pairs of steps that are about as far apart as the settings ask, spread over the drive."""
     found = []
     for first in steps:
-        later = [step for step in steps if 0 < survey.times_s[step] - survey.times_s[first] < config.max_gap_s]
+        later = [
+            step for step in steps if 0 < survey.times_s[step] - survey.times_s[first] < config.max_gap_s
+        ]
         if not later:
             continue
         off = [
@@ -183,7 +191,9 @@ def check_compensation(found: Compensation) -> Iterator[Finding]:
         found: The estimate.
     """
     subject = "motion compensation"
-    evidence = f"missing share {found.missing_share:.2f} +- {found.sigma:.2f} from {found.pairs} pairs of sweeps"
+    evidence = (
+        f"missing share {found.missing_share:.2f} +- {found.sigma:.2f} from {found.pairs} pairs of sweeps"
+    )
     if found.state == "cannot tell":
         yield Finding(subject, "cannot tell", found.reason)
     elif found.state == "done":

@@ -16,7 +16,11 @@ from upvl_cli.perception.drive_check.sample import DriveSample
 
 
 def check_motion(
-    sample: DriveSample, config: MotionCheckConfig, survey: MotionSurvey | None = None, *, is_quick: bool = False
+    sample: DriveSample,
+    config: MotionCheckConfig,
+    survey: MotionSurvey | None = None,
+    *,
+    is_quick: bool = False,
 ) -> Iterator[Finding]:
     """Yield the findings on axes, poses and motion compensation.
 

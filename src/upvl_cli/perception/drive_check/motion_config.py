@@ -12,9 +12,14 @@ class StructureConfig(Config):
     """What of a sweep stands upright above the road: the part that shows how the car moves."""
 
     typical_range_m: float = setting(
-        "median range of a sweep in a street, by which unknown units of points are guessed roughly", "m", gt=0, le=500
+        "median range of a sweep in a street, by which unknown units of points are guessed roughly",
+        "m",
+        gt=0,
+        le=500,
     )
-    min_range_m: float = setting("points nearer than this are left out: they are the car itself", "m", ge=0, le=100)
+    min_range_m: float = setting(
+        "points nearer than this are left out: they are the car itself", "m", ge=0, le=100
+    )
     max_range_m: float = setting("points farther than this are left out", "m", ge=1, le=500)
     cell_m: float = setting("edge of the cells in which the road is the lowest surface", "m", gt=0, le=20)
     road_quantile: float = setting("quantile of the heights in a cell that is taken for the road", ge=0, le=1)
@@ -56,8 +61,12 @@ class RoadConfig(Config):
     """The plane of the road around the car, when no axis is believed."""
 
     radius_m: float = setting("the road is looked for up to this far from the car", "m", gt=0, le=500)
-    cell_m: float = setting("edge of the cells whose low points are candidates for the road", "m", gt=0, le=20)
-    tolerance_m: float = setting("a low point nearer to the plane than this lies on the road", "m", gt=0, le=5)
+    cell_m: float = setting(
+        "edge of the cells whose low points are candidates for the road", "m", gt=0, le=20
+    )
+    tolerance_m: float = setting(
+        "a low point nearer to the plane than this lies on the road", "m", gt=0, le=5
+    )
     clear_height_m: float = setting(
         "points farther from the plane than this are above or below the road", "m", gt=0, le=10
     )

@@ -103,7 +103,9 @@ def survey_motion(sample: DriveSample, config: MotionCheckConfig) -> MotionSurve
     sweeps = {step: sample.sweep(step) for step in sorted(needed)}
     structures = {
         step: find_structure(
-            (points.xyz_ego_m.astype(np.float64) * unit_m) @ turn.T, points.time_offset_ns * 1e-9, config.structure
+            (points.xyz_ego_m.astype(np.float64) * unit_m) @ turn.T,
+            points.time_offset_ns * 1e-9,
+            config.structure,
         )
         for step, points in sweeps.items()
     }

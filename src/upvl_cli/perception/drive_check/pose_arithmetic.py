@@ -15,7 +15,9 @@ from upvl_cli.types import Array, Bools, Floats, Frame, Ints
 
 _SKEW = 1e-3  # of a rotation times its transpose: more is no rounding
 _NOISE_MPS = 3.0  # of a step of rough poses: a jump is more
-_MOVES_MPS = 1.0  # neighbours of a repeated pose that move at least that fast show that the car does not stand
+_MOVES_MPS = (
+    1.0  # neighbours of a repeated pose that move at least that fast show that the car does not stand
+)
 _FEW = 0.2  # share of steps up to which deviations are single jumps
 ESTIMATED = 'set poses = "estimated" in odometry.toml'
 
@@ -85,12 +87,16 @@ def check_rigid(frames: Sequence[Frame], world_from_ego: Array) -> Iterator[Find
     wrong = np.flatnonzero(~are_rigid(world_from_ego))
     if len(wrong):
         mirrored = np.linalg.det(np.nan_to_num(world_from_ego[wrong[0], :3, :3])) < 0
-        cause = "left-handed axes" if mirrored else "a scale, rounded numbers or missing values in the rotation"
+        cause = (
+            "left-handed axes" if mirrored else "a scale, rounded numbers or missing values in the rotation"
+        )
         words = f"{len(wrong)} of {len(frames)} poses are no rotation and translation"
         yield Finding("poses", "fault", words, frame_list(frames, wrong), "", cause, ESTIMATED)
 
 
-def check_path(frames: Sequence[Frame], world_from_ego: Array, limits: MotionLimitsConfig) -> Iterator[Finding]:
+def check_path(
+    frames: Sequence[Frame], world_from_ego: Array, limits: MotionLimitsConfig
+) -> Iterator[Finding]:
     """Yield what no car does, by the poses alone; poses that are all equal are left to the sweeps.
 
     Args:
@@ -111,7 +117,12 @@ def check_path(frames: Sequence[Frame], world_from_ego: Array, limits: MotionLim
         words = f"the path jumps in {jumps.sum()} of {len(jumps)} steps, by up to {jump_m:.1f} m"
         cause = "a bad record, or loss of satellite reception"
         yield Finding(
-            "poses", "fault", words, frame_list(frames, np.flatnonzero(jumps) + 1), "", cause,
+            "poses",
+            "fault",
+            words,
+            frame_list(frames, np.flatnonzero(jumps) + 1),
+            "",
+            cause,
             f'set poses = "refined" in odometry.toml, or {ESTIMATED.removeprefix("set ")}',
         )
     yield from _beyond_cars(frames, world_from_ego, steps, limits)

@@ -79,7 +79,10 @@ def _scale_cause(scale: float, pairs: PosePairs, survey: MotionSurvey) -> tuple[
         line = f"set metres_per_unit = {_snap(points_m):.4g} under [corrections] in raw.toml"
         return f"points are in {unit}, not in metres", line
     unit = _unit_name(scale)
-    return f"positions of the poses are in {unit}, not in metres", f"multiply them by {_snap(scale):.4g}, or {ESTIMATED}"
+    return (
+        f"positions of the poses are in {unit}, not in metres",
+        f"multiply them by {_snap(scale):.4g}, or {ESTIMATED}",
+    )
 
 
 def _unit_name(unit_m: float) -> str:

@@ -64,7 +64,9 @@ def check_agreement(
     """
     pairs = pose_pairs(sample, survey, axes)
     if pairs is None:
-        yield Finding("poses", "cannot tell", "no two sweeps show how the car moves, so that poses cannot be compared")
+        yield Finding(
+            "poses", "cannot tell", "no two sweeps show how the car moves, so that poses cannot be compared"
+        )
         return
     fit = fit_motions(pairs.given, pairs, limits)
     evidence = f"{int(fit.agrees.sum())} of {len(pairs)} pairs of sweeps agree"
@@ -154,9 +156,12 @@ def _agreement(
         where = frame_list(sample.frames, pairs.second[off])
         yield Finding("poses", "warning", words, where, evidence, "bad records", REFINED)
     smooth = fit_motions(pairs.between(smooth_positions(pairs, limits.smoothing_s)), pairs, limits)
-    smooth_mps = float(
-        np.sqrt(np.mean((smooth.offset_m[fit.agrees, :2] ** 2).sum(axis=1) / pairs.dt_s[fit.agrees] ** 2))
-    ) * pairs.unit_m
+    smooth_mps = (
+        float(
+            np.sqrt(np.mean((smooth.offset_m[fit.agrees, :2] ** 2).sum(axis=1) / pairs.dt_s[fit.agrees] ** 2))
+        )
+        * pairs.unit_m
+    )
     turn = estimate_turn_ratio(pairs)
     turn_cause = turn.cause(limits) if turn else ""
     delay = estimate_delay(pairs, limits)
@@ -182,18 +187,24 @@ def _good(
     """Return the finding on poses that are right, with what they would show."""
     speed_mps = np.linalg.norm(pairs.measured[:, :3, 3], axis=1) * pairs.unit_m / pairs.dt_s
     if not (speed_mps > limits.min_speed_mps).any():
-        words = "poses and sweeps agree that the car stands in all sweeps looked at: a moving car would show more"
+        words = (
+            "poses and sweeps agree that the car stands in all sweeps looked at: a moving car would show more"
+        )
         return Finding("poses", "ok", words, "", evidence)
     cm = float(np.median(np.hypot(fit.offset_m[:, 0], fit.offset_m[:, 1]))) * pairs.unit_m * 100
     words = f"poses agree with the sweeps within {cm:.1f} cm a step"
     if delay is None:
         words += "; speed and turn change too little to show a delay"
     else:
-        words += f"; a delay would show from {max(limits.sigmas * delay.sigma_s, limits.min_delay_s):.2f} s on"
+        words += (
+            f"; a delay would show from {max(limits.sigmas * delay.sigma_s, limits.min_delay_s):.2f} s on"
+        )
     return Finding("poses", "ok", words, "", evidence)
 
 
-def check_constant(sample: DriveSample, survey: MotionSurvey, limits: MotionLimitsConfig) -> Iterator[Finding]:
+def check_constant(
+    sample: DriveSample, survey: MotionSurvey, limits: MotionLimitsConfig
+) -> Iterator[Finding]:
     """Yield a fault where all poses are equal while the sweeps move."""
     poses = sample.world_from_ego
     if poses is None or len(poses) < 2 or not path_steps(sample.frames, poses).repeats.all():
@@ -206,5 +217,6 @@ def check_constant(sample: DriveSample, survey: MotionSurvey, limits: MotionLimi
         speed = np.median([np.hypot(*pair.planar.vector[:2]) / pair.dt_s for pair in moving if pair.planar])
         words = f"all {len(poses)} poses are equal while the car moves at {speed:.1f} m/s by the sweeps"
         evidence = f"{len(moving)} of {len(survey.measured)} pairs of sweeps"
-        yield Finding("poses", "fault", words, "", evidence, "one record is repeated for all frames", ESTIMATED)
-
+        yield Finding(
+            "poses", "fault", words, "", evidence, "one record is repeated for all frames", ESTIMATED
+        )

@@ -47,9 +47,9 @@ def estimate_delay(pairs: PosePairs, limits: MotionLimitsConfig) -> PoseDelay | 
     half_s = float(np.median(pairs.dt_s)) / 2
     for _ in range(_ROUNDS):
         error = _errors(pairs.after(delay_s), pairs)
-        slope = (_errors(pairs.after(delay_s + half_s), pairs) - _errors(pairs.after(delay_s - half_s), pairs)) / (
-            2 * half_s
-        )
+        slope = (
+            _errors(pairs.after(delay_s + half_s), pairs) - _errors(pairs.after(delay_s - half_s), pairs)
+        ) / (2 * half_s)
         center = np.median(error, axis=0)
         scatter = 1.48 * np.median(np.abs(error - center), axis=0) + np.array([1e-3, 1e-3, 1e-5])
         weight = (np.abs(error) < 4 * scatter + np.abs(center)) / scatter**2

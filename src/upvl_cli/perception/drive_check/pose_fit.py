@@ -51,7 +51,9 @@ class PoseFit:
         return float((np.minimum(self.error, _WORST) ** 2).mean()) if len(self.error) else np.inf
 
 
-def fit_motions(motions: Array, pairs: PosePairs, limits: MotionLimitsConfig, *, scale: float = 1.0) -> PoseFit:
+def fit_motions(
+    motions: Array, pairs: PosePairs, limits: MotionLimitsConfig, *, scale: float = 1.0
+) -> PoseFit:
     """Compare claimed with measured motions.
 
     Args:
@@ -141,7 +143,9 @@ def _finest(
 def _yaw_squares(fit: PoseFit, pairs: PosePairs) -> float:
     """Return the mean squared error of yaw, at least what the sweeps leave open; outliers do not count."""
     error = np.nan_to_num(np.abs(fit.yaw_rad), nan=np.pi)
-    return float(np.sort(error**2)[: max(int(0.9 * len(error)), 1)].mean() + (2 * np.median(pairs.sigma_rad)) ** 2)
+    return float(
+        np.sort(error**2)[: max(int(0.9 * len(error)), 1)].mean() + (2 * np.median(pairs.sigma_rad)) ** 2
+    )
 
 
 def _offset_squares(fit: PoseFit, pairs: PosePairs) -> float:

@@ -115,7 +115,9 @@ def _other_axes(motions: Floats, cause: str, remedy: str) -> Iterator[PoseHypoth
         turn[:3, :3] = np.eye(3)[list(order)] * np.array(signs)[:, None]
         if np.array_equal(turn, np.eye(4)):
             continue
-        names = tuple(("-" if sign < 0 else "") + _NAMES[axis] for axis, sign in zip(order, signs, strict=True))
+        names = tuple(
+            ("-" if sign < 0 else "") + _NAMES[axis] for axis, sign in zip(order, signs, strict=True)
+        )
         is_mirror = bool(np.linalg.det(turn) < 0)
         rank = 4 + (_FREQUENT_AXES.index(names) if names in _FREQUENT_AXES else 6) + (4 if is_mirror else 0)
         rank += 10 if cause else 0
@@ -177,7 +179,10 @@ def _sense_cause(mirrored: bool, factor: float, offset_rad: float) -> tuple[str,
     if 0 < factor < 1:
         return "yaw is in degrees where radians are expected: it turns 57 times too much", 3
     if mirrored and factor > 0:
-        return "the path is mirrored against the heading: latitude and longitude (x and y) swapped, or one negated", 2
+        return (
+            "the path is mirrored against the heading: latitude and longitude (x and y) swapped, or one negated",
+            2,
+        )
     if factor < 0 and not mirrored:
         return "yaw has the wrong sense: it is measured clockwise, for example from north (pi/2 - yaw)", 2
     if mirrored:
@@ -193,7 +198,12 @@ def _other_order(pairs: PosePairs) -> Iterator[PoseHypothesis]:
     )
     remedy = "sort sweeps and poses by time"
     yield PoseHypothesis("sweeps and poses run in opposite order", remedy, 2, backwards)
-    steps = np.array([_product(pairs.world_from_ego[a + 1 : b + 1]) for a, b in zip(pairs.first, pairs.second, strict=True)])
+    steps = np.array(
+        [
+            _product(pairs.world_from_ego[a + 1 : b + 1])
+            for a, b in zip(pairs.first, pairs.second, strict=True)
+        ]
+    )
     cause = "each pose is the step from the frame before, not a place in the world"
     yield PoseHypothesis(cause, f"chain the steps, {ESTIMATE}", 6, steps.reshape(-1, 4, 4))
 

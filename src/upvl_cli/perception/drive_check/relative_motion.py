@@ -79,7 +79,11 @@ def measure_motion(
 
 
 def agreement(
-    source: UprightStructure, target: UprightStructure, surfaces: Floats, vector: Floats, config: RegisterConfig
+    source: UprightStructure,
+    target: UprightStructure,
+    surfaces: Floats,
+    vector: Floats,
+    config: RegisterConfig,
 ) -> float:
     """Return how well a motion explains two sweeps: 1 where every voxel lies on a surface of the other, 0 for none."""
     found = match_surfaces(source, target, surfaces, vector, config.radius_m[-1])
@@ -132,7 +136,11 @@ def surface_information(target: UprightStructure, config: RegisterConfig) -> Flo
 
 
 def refine_motion(
-    source: UprightStructure, target: UprightStructure, surfaces: Floats, guess: Floats, config: RegisterConfig
+    source: UprightStructure,
+    target: UprightStructure,
+    surfaces: Floats,
+    guess: Floats,
+    config: RegisterConfig,
 ) -> PlanarMotion | None:
     """Refine a guess by ICP in the plane; None where the sweeps do not fix the motion."""
     vector = np.array(guess, dtype=np.float64)
@@ -232,7 +240,9 @@ class _Normal:
         weighted = np.empty_like(jacobian)
         weighted[:, 0] = weight[:, None] * (xx[:, None] * jacobian[:, 0] + xy[:, None] * jacobian[:, 1])
         weighted[:, 1] = weight[:, None] * (xy[:, None] * jacobian[:, 0] + yy[:, None] * jacobian[:, 1])
-        sector = ((np.arctan2(lever[:, 1], lever[:, 0]) / (2 * np.pi) + 0.5) * config.sectors).astype(np.int64)
+        sector = ((np.arctan2(lever[:, 1], lever[:, 0]) / (2 * np.pi) + 0.5) * config.sectors).astype(
+            np.int64
+        )
         sector = np.minimum(sector, config.sectors - 1)
         total = config.sectors
         hessian, gradient = np.zeros((total, 3, 3)), np.zeros((total, 3))
@@ -240,7 +250,10 @@ class _Normal:
             values = weighted[:, 0, row] * gap[:, 0] + weighted[:, 1, row] * gap[:, 1]
             gradient[:, row] = np.bincount(sector, weights=values, minlength=total)
             for column in range(row, 3):
-                values = weighted[:, 0, row] * jacobian[:, 0, column] + weighted[:, 1, row] * jacobian[:, 1, column]
+                values = (
+                    weighted[:, 0, row] * jacobian[:, 0, column]
+                    + weighted[:, 1, row] * jacobian[:, 1, column]
+                )
                 hessian[:, row, column] = np.bincount(sector, weights=values, minlength=total)
                 hessian[:, column, row] = hessian[:, row, column]
         return _Normal(hessian, gradient, len(gap) / len(source))
