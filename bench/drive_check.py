@@ -20,7 +20,6 @@ from functools import lru_cache
 from pathlib import Path
 
 from drive_faults import FAULTS, Case, fewer_beams
-
 from upvl_cli.commands.check_config import CheckConfig
 from upvl_cli.config.toml import load
 from upvl_cli.datasets.registry import dataset_family

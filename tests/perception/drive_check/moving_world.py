@@ -54,7 +54,9 @@ def path(frames: int = FRAMES, *, speed_mps: float = 10.0, braking_mps2: float =
     fine_s = np.arange(0, frames / RATE_HZ, 0.001)
     speed = np.maximum(speed_mps - braking_mps2 * fine_s, 0.0)
     heading = 0.9 + 0.08 * np.sin(2.0 * fine_s) - 0.08 * fine_s if speed_mps else 0.9 + 0 * fine_s
-    xy = np.cumsum(np.column_stack([np.cos(heading - 0.9), np.sin(heading - 0.9)]) * speed[:, None] * 0.001, axis=0)
+    xy = np.cumsum(
+        np.column_stack([np.cos(heading - 0.9), np.sin(heading - 0.9)]) * speed[:, None] * 0.001, axis=0
+    )
     xy = xy @ np.array([[np.cos(0.9), np.sin(0.9)], [-np.sin(0.9), np.cos(0.9)]])
     at = (np.arange(frames) * 1000) // RATE_HZ
     return from_yaw(heading[at], np.column_stack([xy[at], np.full(frames, HEIGHT_M)]))

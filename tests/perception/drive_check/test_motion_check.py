@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from moving_world import FRAMES, RATE_HZ, config, path, sample, turned
 
 from upvl_cli.datasets.shared.motion_compensation import compensate
 from upvl_cli.geometry.path import pose_at
@@ -15,8 +16,6 @@ from upvl_cli.perception.drive_check.finding import Finding
 from upvl_cli.perception.drive_check.motion_check import check_motion
 from upvl_cli.perception.drive_check.motion_survey import survey_motion
 from upvl_cli.types import Array, Points
-
-from moving_world import FRAMES, RATE_HZ, config, path, sample, turned
 
 TRUE = path()
 TIMES_NS = [step * 10**9 // RATE_HZ for step in range(FRAMES)]

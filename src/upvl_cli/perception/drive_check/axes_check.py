@@ -72,7 +72,7 @@ class AxesEstimate:
 
 
 def _direction(name: str) -> Array:
-    return DIRECTIONS[AXES.index(name)]
+    return np.asarray(DIRECTIONS[AXES.index(name)])
 
 
 def estimate_axes(survey: MotionSurvey, limits: MotionLimitsConfig) -> AxesEstimate:

@@ -130,7 +130,9 @@ def _distant_pairs(
         ]
         if min(off) < 0.4 * config.distance_m:
             found.append((first, later[int(np.argmin(off))]))
-    chosen = np.unique(np.linspace(0, len(found) - 1, config.pairs).round().astype(int)) if found else []
+    if not found:
+        return []
+    chosen = np.unique(np.linspace(0, len(found) - 1, config.pairs).round().astype(int))
     return [found[number] for number in chosen]
 
 

@@ -10,8 +10,8 @@ from upvl_cli.perception.drive_check.finding import Finding
 from upvl_cli.perception.drive_check.motion_config import MotionCheckConfig
 from upvl_cli.perception.drive_check.motion_survey import MotionSurvey, survey_motion
 from upvl_cli.perception.drive_check.pose_arithmetic import check_path, check_rigid
-from upvl_cli.perception.drive_check.pose_check import REFINED, check_agreement, check_constant
 from upvl_cli.perception.drive_check.pose_cause import UNKNOWN
+from upvl_cli.perception.drive_check.pose_check import REFINED, check_agreement, check_constant
 from upvl_cli.perception.drive_check.sample import DriveSample
 
 

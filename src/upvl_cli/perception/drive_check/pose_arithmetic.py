@@ -59,7 +59,8 @@ class PathSteps:
     @property
     def single_jumps(self) -> Bools:
         """(T - 1,) jumps, where they are few and no pose repeats the one before; else none."""
-        jumps = self.jumps & ~self.repeats & ~np.append(False, self.repeats[:-1])
+        after_repeat = np.append(False, np.asarray(self.repeats)[:-1])
+        jumps = np.asarray(self.jumps & ~self.repeats & ~after_repeat)
         return np.asarray(jumps if jumps.mean() <= _FEW else np.zeros_like(jumps))
 
 
@@ -70,7 +71,8 @@ def path_steps(frames: Sequence[Frame], world_from_ego: Array) -> PathSteps:
     poses = np.asarray(world_from_ego, dtype=np.float64)
     motion = compose(inverse(poses[:-1]), poses[1:])
     change = np.diff(poses, axis=0)
-    return PathSteps(dt_s, motion, change[:, :3, 3] / dt_s[:, None], np.abs(change).max(axis=(1, 2)) < 1e-9)
+    repeats = np.asarray(np.abs(change).max(axis=(1, 2)) < 1e-9)
+    return PathSteps(dt_s, motion, change[:, :3, 3] / dt_s[:, None], repeats)
 
 
 def are_rigid(world_from_ego: Array) -> Bools:
@@ -162,7 +164,8 @@ def _beyond_cars(
     tilt = np.arccos(np.clip(up @ (mean / length), -1, 1)) if length > 0.1 else np.full(len(up), np.pi / 2)
     tilted = np.flatnonzero(tilt > limits.max_tilt_rad)
     if len(tilted):
-        words = f"the car rolls or pitches by up to {np.degrees(tilt.max()):.0f} degrees in {len(tilted)} of {len(up)} poses"
+        share = f"{len(tilted)} of {len(up)} poses"
+        words = f"the car rolls or pitches by up to {np.degrees(tilt.max()):.0f} degrees in {share}"
         cause = "degrees taken for radians, or z of the poses is not up"
         yield Finding("poses", "fault", words, frame_list(frames, tilted), "", cause, ESTIMATED)
 

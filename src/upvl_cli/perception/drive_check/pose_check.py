@@ -8,7 +8,7 @@ import numpy as np
 
 from upvl_cli.geometry.se3 import apply, compose, inverse
 from upvl_cli.perception.drive_check.axes_check import AxesEstimate
-from upvl_cli.perception.drive_check.finding import Finding
+from upvl_cli.perception.drive_check.finding import Finding, Level
 from upvl_cli.perception.drive_check.motion_config import MotionLimitsConfig
 from upvl_cli.perception.drive_check.motion_survey import MotionSurvey
 from upvl_cli.perception.drive_check.pose_arithmetic import ESTIMATED, frame_list, path_steps
@@ -76,7 +76,7 @@ def check_agreement(
     static = static_distance(survey, pairs)
     smooth = fit_motions(pairs.between(smooth_positions(pairs, limits.smoothing_s)), pairs, limits)
     if _is_rough(pairs, fit):
-        level = "fault" if smooth.share < limits.min_agreeing_share else "warning"
+        level: Level = "fault" if smooth.share < limits.min_agreeing_share else "warning"
         words = f"steps of the path scatter by {_scatter_m(fit) * survey.unit_m:.2f} m; {static}"
         yield Finding("poses", level, words, "", evidence, "positions are rounded or noisy", REFINED)
         return
@@ -134,7 +134,7 @@ def _scatter_m(fit: PoseFit) -> float:
 
 
 def smooth_positions(pairs: PosePairs, half_window_s: float) -> Floats:
-    """Return (T, 4, 4) poses whose positions follow a parabola through those near in time, as far as pairs need them."""
+    """Return (T, 4, 4) poses; positions that pairs need follow a parabola through those near in time."""
     poses = pairs.world_from_ego.copy()
     times_s = (pairs.times_ns - pairs.times_ns[0]) * 1e-9
     for step in sorted({*pairs.first.tolist(), *pairs.second.tolist()}):

@@ -132,7 +132,7 @@ def surface_information(target: UprightStructure, config: RegisterConfig) -> Flo
     xx, yy = (xy[..., 0] ** 2).mean(axis=1) + noise, (xy[..., 1] ** 2).mean(axis=1) + noise
     cross = (xy[..., 0] * xy[..., 1]).mean(axis=1)
     determinant = xx * yy - cross**2
-    return np.stack([yy, -cross, xx], axis=1) / determinant[:, None]
+    return np.asarray(np.stack([yy, -cross, xx], axis=1) / determinant[:, None])
 
 
 def refine_motion(
@@ -190,6 +190,7 @@ class SurfaceMatch(NamedTuple):
 def match_surfaces(
     source: UprightStructure, target: UprightStructure, surfaces: Floats, vector: Floats, radius_m: float
 ) -> SurfaceMatch:
+    """Return the voxels of a source that have a partner within a radius once a motion is applied."""
     moved = apply(from_yaw(float(vector[2]), np.array([vector[0], vector[1], 0.0])), source.xyz_m)
     distance, partner = target.tree.query(target.search_places(moved), distance_upper_bound=radius_m)
     row = np.flatnonzero(np.isfinite(distance))
@@ -268,4 +269,4 @@ class _Normal:
         without = np.linalg.solve(total_h - self.hessian, (total_g - self.gradient)[..., None])[..., 0]
         spread = without - without.mean(axis=0)
         count = len(spread)
-        return (count - 1) / count * np.einsum("ki,kj->ij", spread, spread)
+        return np.asarray((count - 1) / count * np.einsum("ki,kj->ij", spread, spread))
