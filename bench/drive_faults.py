@@ -85,6 +85,8 @@ def with_poses(drive: Drive, world_from_ego: Array) -> Drive:
     """Return the drive with other poses; a reader that moves points by poses takes these too."""
     if is_dataclass(drive) and hasattr(drive, "untwist"):
         return replace(drive, world_from_ego=world_from_ego)  # type: ignore[type-var,return-value]
+    if isinstance(drive, ChangedDrive):
+        return replace(drive, world_from_ego=world_from_ego)
     return ChangedDrive(drive, drive.frames, world_from_ego)
 
 
@@ -157,7 +159,9 @@ def jump(drive: Drive, meters: float) -> Drive:
 
 def rounded(drive: Drive, meters: float) -> Drive:
     """Return the drive with positions rounded to so many metres."""
-    return map_positions(drive, lambda xyz: np.column_stack([np.rint(xyz[:, :2] / meters) * meters, xyz[:, 2]]))
+    return map_positions(
+        drive, lambda xyz: np.column_stack([np.rint(xyz[:, :2] / meters) * meters, xyz[:, 2]])
+    )
 
 
 def other_pose_axes(drive: Drive, turn: Array) -> Drive:
@@ -174,9 +178,9 @@ def late_poses(drive: Drive, seconds: float) -> Drive:
 
 
 def frames_late(drive: Drive, frames: int) -> Drive:
-    """Return the drive whose pose of a frame is that of a frame before."""
+    """Return the drive, without its first frames, whose pose of a frame is that of a frame before."""
     poses = poses_of(drive)
-    return with_poses(drive, poses[np.maximum(np.arange(len(poses)) - frames, 0)])
+    return with_poses(ChangedDrive(drive, drive.frames[frames:], poses), poses[:-frames])
 
 
 # Points
@@ -198,7 +202,9 @@ def compensated_again(drive: Drive, share: float) -> Drive:
 
     def move(frame: int, points: Points) -> Points:
         offset_ns = share * points.time_offset_ns
-        return replace(points, xyz_ego_m=compensate(points.xyz_ego_m, offset_ns, step_of[frame], times, poses))
+        return replace(
+            points, xyz_ego_m=compensate(points.xyz_ego_m, offset_ns, step_of[frame], times, poses)
+        )
 
     return with_points(drive, move)
 
@@ -263,17 +269,25 @@ _HALF_TURN = np.diag([-1.0, -1.0, 1.0])
 _CAMERA = [[0, -1, 0], [0, 0, -1], [1, 0, 0]]
 
 POSE_FAULTS: dict[str, Case] = {
-    "path mirrored": Case(partial(map_positions, change=lambda xyz: xyz * [1, -1, 1]), "poses", ("mirrored",)),
+    "path mirrored": Case(
+        partial(map_positions, change=lambda xyz: xyz * [1, -1, 1]), "poses", ("path is mirrored",)
+    ),
     "yaw = pi/2 - yaw": Case(partial(map_yaw, change=lambda yaw: np.pi / 2 - yaw), "poses", ("wrong sense",)),
-    "x and y swapped": Case(partial(map_positions, change=lambda xyz: xyz[:, [1, 0, 2]]), "poses", ("swapped",)),
-    "heading + 90": Case(partial(map_yaw, change=lambda yaw: yaw + np.pi / 2), "poses", ("turned by", "axes")),
+    "x and y swapped": Case(
+        partial(map_positions, change=lambda xyz: xyz[:, [1, 0, 2]]), "poses", ("swapped",)
+    ),
+    "heading + 90": Case(
+        partial(map_yaw, change=lambda yaw: yaw + np.pi / 2), "poses", ("turned by", "axes")
+    ),
     "inverse": Case(inverse_poses, "poses", ("ego_from_world",)),
     "one pose for all": Case(one_pose, "poses", ("repeated for all",)),
     "poses at half the rate": Case(partial(held_poses, each=2), "poses", ("lower rate",)),
     "jump of 3 m": Case(partial(jump, meters=3.0), "poses", ("jump",)),
     "rounded to 1.1 m": Case(partial(rounded, meters=1.11), "poses", ("rounded",)),
     "degrees for radians": Case(partial(angles_scaled, factor=180 / np.pi), "poses", ("degrees",)),
-    "radians for degrees": Case(partial(angles_scaled, factor=np.pi / 180), "poses", ("radians where degrees",)),
+    "radians for degrees": Case(
+        partial(angles_scaled, factor=np.pi / 180), "poses", ("radians where degrees",)
+    ),
     "poses x 3.28": Case(partial(map_positions, change=lambda xyz: xyz / FOOT), "poses", ("in feet",)),
     "poses x 0.001": Case(partial(map_positions, change=lambda xyz: xyz * 0.001), "poses", ("kilometres",)),
     "pose axes y forward": Case(partial(other_pose_axes, turn=_RIGHT_FORWARD_UP), "poses", ("axes",)),
@@ -286,11 +300,15 @@ POSE_FAULTS: dict[str, Case] = {
 POINT_FAULTS: dict[str, Case] = {
     "points x 3.28": Case(partial(map_points, matrix=np.eye(3) / FOOT), "poses", ("in feet",)),
     "points x 100": Case(partial(map_points, matrix=np.eye(3) * 100), "poses", ("centimetres",)),
-    "points y forward": Case(partial(map_points, matrix=_RIGHT_FORWARD_UP), "axes", ('"y", "-x", "z"',), False),
+    "points y forward": Case(
+        partial(map_points, matrix=_RIGHT_FORWARD_UP), "axes", ('"y", "-x", "z"',), False
+    ),
     "points turned by 180": Case(partial(map_points, matrix=_HALF_TURN), "poses", ('"-x", "-y", "z"',)),
     "points mirrored": Case(partial(map_points, matrix=np.diag([1, -1, 1])), "poses", ("left and right",)),
     "points of a camera": Case(partial(map_points, matrix=_CAMERA), "axes", ('"z", "-x", "-y"',), False),
-    "points z down": Case(partial(map_points, matrix=np.diag([1, -1, -1])), "axes", ('"x", "-y", "-z"',), False),
+    "points z down": Case(
+        partial(map_points, matrix=np.diag([1, -1, -1])), "axes", ('"x", "-y", "-z"',), False
+    ),
     "points turned by 45": Case(
         partial(map_points, matrix=from_yaw(np.pi / 4, np.zeros(3))[:3, :3]), "axes", ("off its axis",), False
     ),

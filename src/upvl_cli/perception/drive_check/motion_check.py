@@ -5,16 +5,22 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from upvl_cli.perception.drive_check.axes_check import check_axes, estimate_axes
+from upvl_cli.perception.drive_check.compensation_check import check_compensation, estimate_compensation
 from upvl_cli.perception.drive_check.finding import Finding
 from upvl_cli.perception.drive_check.motion_config import MotionCheckConfig
 from upvl_cli.perception.drive_check.motion_survey import MotionSurvey, survey_motion
 from upvl_cli.perception.drive_check.pose_arithmetic import check_path, check_rigid
-from upvl_cli.perception.drive_check.pose_check import check_agreement, check_constant
+from upvl_cli.perception.drive_check.pose_cause import UNKNOWN
+from upvl_cli.perception.drive_check.pose_check import REFINED, check_agreement, check_constant
 from upvl_cli.perception.drive_check.sample import DriveSample
 
 
 def check_motion(
-    sample: DriveSample, config: MotionCheckConfig, survey: MotionSurvey | None = None
+    sample: DriveSample,
+    config: MotionCheckConfig,
+    survey: MotionSurvey | None = None,
+    *,
+    is_quick: bool = False,
 ) -> Iterator[Finding]:
     """Yield the findings on axes, poses and motion compensation.
 
@@ -22,11 +28,14 @@ def check_motion(
         sample: Sweeps and poses of the drive.
         config: Settings.
         survey: Motion by the sweeps alone, where it was measured already.
+        is_quick: Whether motion compensation, which takes seconds, is left out.
     """
     survey = survey or survey_motion(sample, config)
     axes = estimate_axes(survey, config.limits)
-    yield from check_axes(axes, survey, config.limits, poses_decide=sample.world_from_ego is not None)
+    yield from check_axes(axes, survey, poses_decide=sample.world_from_ego is not None)
     yield from check_poses(sample, config, survey)
+    if not is_quick:
+        yield from check_compensation(estimate_compensation(survey, config))
 
 
 def check_poses(
@@ -47,9 +56,14 @@ def check_poses(
     yield from broken
     if broken:
         return
-    yield from check_path(sample.frames, poses, config.limits)
+    by_themselves = list(check_path(sample.frames, poses, config.limits))
+    yield from by_themselves
     survey = survey or survey_motion(sample, config)
     constant = list(check_constant(sample, survey, config.limits))
     yield from constant
     if not constant:
-        yield from check_agreement(sample, survey, estimate_axes(survey, config.limits), config.limits)
+        axes = estimate_axes(survey, config.limits)
+        for finding in check_agreement(sample, survey, axes, config.limits):
+            is_consequence = finding.cause.startswith(UNKNOWN) or finding.remedy == REFINED
+            if not (by_themselves and is_consequence):
+                yield finding

@@ -12,9 +12,14 @@ class StructureConfig(Config):
     """What of a sweep stands upright above the road: the part that shows how the car moves."""
 
     typical_range_m: float = setting(
-        "median range of a sweep in a street, by which unknown units of points are guessed roughly", "m", gt=0, le=500
+        "median range of a sweep in a street, by which unknown units of points are guessed roughly",
+        "m",
+        gt=0,
+        le=500,
     )
-    min_range_m: float = setting("points nearer than this are left out: they are the car itself", "m", ge=0, le=100)
+    min_range_m: float = setting(
+        "points nearer than this are left out: they are the car itself", "m", ge=0, le=100
+    )
     max_range_m: float = setting("points farther than this are left out", "m", ge=1, le=500)
     cell_m: float = setting("edge of the cells in which the road is the lowest surface", "m", gt=0, le=20)
     road_quantile: float = setting("quantile of the heights in a cell that is taken for the road", ge=0, le=1)
@@ -56,8 +61,12 @@ class RoadConfig(Config):
     """The plane of the road around the car, when no axis is believed."""
 
     radius_m: float = setting("the road is looked for up to this far from the car", "m", gt=0, le=500)
-    cell_m: float = setting("edge of the cells whose low points are candidates for the road", "m", gt=0, le=20)
-    tolerance_m: float = setting("a low point nearer to the plane than this lies on the road", "m", gt=0, le=5)
+    cell_m: float = setting(
+        "edge of the cells whose low points are candidates for the road", "m", gt=0, le=20
+    )
+    tolerance_m: float = setting(
+        "a low point nearer to the plane than this lies on the road", "m", gt=0, le=5
+    )
     clear_height_m: float = setting(
         "points farther from the plane than this are above or below the road", "m", gt=0, le=10
     )
@@ -93,10 +102,24 @@ class MotionLimitsConfig(Config):
 
 
 @dataclass(frozen=True)
+class CompensationConfig(Config):
+    """Motion compensation of the points."""
+
+    min_speed_mps: float = setting("a slower car does not show it", "m/s", gt=0, le=100)
+    min_spread_s: float = setting("times of points that spread less say nothing", "s", gt=0, le=1)
+    distance_m: float = setting("way of the car between the sweeps that are compared", "m", gt=0, le=100)
+    max_gap_s: float = setting("longest time between the sweeps that are compared", "s", gt=0, le=60)
+    pairs: int = setting("pairs of sweeps that are compared, at most", ge=3, le=1000)
+    tolerance: float = setting("share of the motion compensation that may be missing", ge=0, le=1)
+    sigmas: float = setting("standard deviations within which the share fits a state", gt=0, le=100)
+
+
+@dataclass(frozen=True)
 class MotionCheckConfig(Config):
     """Checks of poses, axes and motion compensation by the sweeps themselves."""
 
     road: RoadConfig = table("The plane of the road.")
     structure: StructureConfig = table("What stands above the road.")
     registration: RegisterConfig = table("Motion between two sweeps.")
+    compensation: CompensationConfig = table("Motion compensation of the points.")
     limits: MotionLimitsConfig = table("From where on a motion is wrong.")

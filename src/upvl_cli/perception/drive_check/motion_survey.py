@@ -27,6 +27,7 @@ class MeasuredPair:
         first: Step of the earlier sweep.
         second: Step of the later one.
         dt_s: Time between them.
+        time_s: Middle of the pair, after the first frame of the drive.
         planar: Motion first_from_second in level axes and metres, as far as the unit is known; None where the
             sweeps do not show it.
     """
@@ -34,6 +35,7 @@ class MeasuredPair:
     first: int
     second: int
     dt_s: float
+    time_s: float
     planar: PlanarMotion | None
 
 
@@ -47,6 +49,7 @@ class MotionSurvey:
         road: The road that most of them agree on.
         level_from_points: (3, 3) rotation from the axes of the points to level axes.
         structures: What stands above the road, by step.
+        times_s: Time of these, after the first frame of the drive.
         pairs: All pairs of neighbouring sweeps.
     """
 
@@ -55,6 +58,7 @@ class MotionSurvey:
     road: RoadPlane | None
     level_from_points: Array
     structures: Mapping[int, UprightStructure]
+    times_s: Mapping[int, float]
     pairs: tuple[MeasuredPair, ...]
 
     @property
@@ -99,17 +103,21 @@ def survey_motion(sample: DriveSample, config: MotionCheckConfig) -> MotionSurve
     sweeps = {step: sample.sweep(step) for step in sorted(needed)}
     structures = {
         step: find_structure(
-            (points.xyz_ego_m.astype(np.float64) * unit_m) @ turn.T, points.time_offset_ns * 1e-9, config.structure
+            (points.xyz_ego_m.astype(np.float64) * unit_m) @ turn.T,
+            points.time_offset_ns * 1e-9,
+            config.structure,
         )
         for step, points in sweeps.items()
     }
     pairs = [
         _measure(sample, pair, structures, config)
         if _comparable(sample, pair, sweeps, config)
-        else MeasuredPair(*pair, sample.seconds(*pair), None)
+        else MeasuredPair(*pair, sample.seconds(*pair), _middle_s(sample, pair), None)
         for pair in sample.pairs
     ]
-    return MotionSurvey(unit_m, roads, road, turn, structures, tuple(_second_look(pairs, structures, config)))
+    times_s = {step: sample.seconds(0, step) for step in structures}
+    looked = _second_look(pairs, structures, config)
+    return MotionSurvey(unit_m, roads, road, turn, structures, times_s, tuple(looked))
 
 
 def guess_unit(sweeps: Sequence[Array], typical_range_m: float) -> float:
@@ -155,7 +163,11 @@ def _measure(
     first, second = pair
     dt_s = sample.seconds(first, second)
     planar = measure_motion(structures[second], structures[first], dt_s, config.registration)
-    return MeasuredPair(first, second, dt_s, planar)
+    return MeasuredPair(first, second, dt_s, _middle_s(sample, pair), planar)
+
+
+def _middle_s(sample: DriveSample, pair: tuple[int, int]) -> float:
+    return sum(sample.seconds(0, step) for step in pair) / 2
 
 
 def _second_look(

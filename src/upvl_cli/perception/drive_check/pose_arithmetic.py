@@ -15,7 +15,9 @@ from upvl_cli.types import Array, Bools, Floats, Frame, Ints
 
 _SKEW = 1e-3  # of a rotation times its transpose: more is no rounding
 _NOISE_MPS = 3.0  # of a step of rough poses: a jump is more
-_MOVES_MPS = 1.0  # neighbours of a repeated pose that move at least that fast show that the car does not stand
+_MOVES_MPS = (
+    1.0  # neighbours of a repeated pose that move at least that fast show that the car does not stand
+)
 _FEW = 0.2  # share of steps up to which deviations are single jumps
 ESTIMATED = 'set poses = "estimated" in odometry.toml'
 
@@ -28,11 +30,13 @@ class PathSteps:
         dt_s: (T - 1,) time of each.
         motion: (T - 1, 4, 4) motion of each, in the axes of the car.
         velocity_mps: (T - 1, 3) in world axes.
+        repeats: (T - 1,) whether the pose after the step is that before it.
     """
 
     dt_s: Floats
     motion: Floats
     velocity_mps: Floats
+    repeats: Bools
 
     @property
     def speed_mps(self) -> Floats:
@@ -46,16 +50,18 @@ class PathSteps:
         return np.asarray(np.arccos(np.clip(cosine, -1, 1)) / self.dt_s)
 
     @property
-    def repeats(self) -> Bools:
-        """(T - 1,) whether the pose after the step is that before it."""
-        return np.asarray(np.abs(self.motion - np.eye(4)).max(axis=(1, 2)) < 1e-9)
-
-    @property
     def jumps(self) -> Bools:
         """(T - 1,) whether the velocity is far from that of the steps around."""
         typical = median_filter(self.velocity_mps, size=(min(7, len(self.velocity_mps)), 1), mode="nearest")
         deviation = np.linalg.norm(self.velocity_mps - typical, axis=1)
         return np.asarray(deviation > _NOISE_MPS + 15.0 * self.dt_s)
+
+    @property
+    def single_jumps(self) -> Bools:
+        """(T - 1,) jumps, where they are few and no pose repeats the one before; else none."""
+        after_repeat = np.append(False, np.asarray(self.repeats)[:-1])
+        jumps = np.asarray(self.jumps & ~self.repeats & ~after_repeat)
+        return np.asarray(jumps if jumps.mean() <= _FEW else np.zeros_like(jumps))
 
 
 def path_steps(frames: Sequence[Frame], world_from_ego: Array) -> PathSteps:
@@ -64,7 +70,9 @@ def path_steps(frames: Sequence[Frame], world_from_ego: Array) -> PathSteps:
     dt_s = np.maximum(np.diff(times_ns) * 1e-9, 1e-3)
     poses = np.asarray(world_from_ego, dtype=np.float64)
     motion = compose(inverse(poses[:-1]), poses[1:])
-    return PathSteps(dt_s, motion, np.diff(poses[:, :3, 3], axis=0) / dt_s[:, None])
+    change = np.diff(poses, axis=0)
+    repeats = np.asarray(np.abs(change).max(axis=(1, 2)) < 1e-9)
+    return PathSteps(dt_s, motion, change[:, :3, 3] / dt_s[:, None], repeats)
 
 
 def are_rigid(world_from_ego: Array) -> Bools:
@@ -81,12 +89,16 @@ def check_rigid(frames: Sequence[Frame], world_from_ego: Array) -> Iterator[Find
     wrong = np.flatnonzero(~are_rigid(world_from_ego))
     if len(wrong):
         mirrored = np.linalg.det(np.nan_to_num(world_from_ego[wrong[0], :3, :3])) < 0
-        cause = "left-handed axes" if mirrored else "a scale, rounded numbers or missing values in the rotation"
+        cause = (
+            "left-handed axes" if mirrored else "a scale, rounded numbers or missing values in the rotation"
+        )
         words = f"{len(wrong)} of {len(frames)} poses are no rotation and translation"
         yield Finding("poses", "fault", words, frame_list(frames, wrong), "", cause, ESTIMATED)
 
 
-def check_path(frames: Sequence[Frame], world_from_ego: Array, limits: MotionLimitsConfig) -> Iterator[Finding]:
+def check_path(
+    frames: Sequence[Frame], world_from_ego: Array, limits: MotionLimitsConfig
+) -> Iterator[Finding]:
     """Yield what no car does, by the poses alone; poses that are all equal are left to the sweeps.
 
     Args:
@@ -100,14 +112,19 @@ def check_path(frames: Sequence[Frame], world_from_ego: Array, limits: MotionLim
     if steps.repeats.all():
         return
     yield from _repeats(frames, steps)
-    jumps = steps.jumps & ~steps.repeats & ~np.append(False, steps.repeats[:-1])
-    if jumps.any() and jumps.mean() <= _FEW:
+    jumps = steps.single_jumps
+    if jumps.any():
         worst = int(np.argmax(np.where(jumps, steps.speed_mps, 0)))
         jump_m = float(steps.speed_mps[worst] * steps.dt_s[worst])
         words = f"the path jumps in {jumps.sum()} of {len(jumps)} steps, by up to {jump_m:.1f} m"
         cause = "a bad record, or loss of satellite reception"
         yield Finding(
-            "poses", "fault", words, frame_list(frames, np.flatnonzero(jumps) + 1), "", cause,
+            "poses",
+            "fault",
+            words,
+            frame_list(frames, np.flatnonzero(jumps) + 1),
+            "",
+            cause,
             f'set poses = "refined" in odometry.toml, or {ESTIMATED.removeprefix("set ")}',
         )
     yield from _beyond_cars(frames, world_from_ego, steps, limits)
@@ -147,7 +164,8 @@ def _beyond_cars(
     tilt = np.arccos(np.clip(up @ (mean / length), -1, 1)) if length > 0.1 else np.full(len(up), np.pi / 2)
     tilted = np.flatnonzero(tilt > limits.max_tilt_rad)
     if len(tilted):
-        words = f"the car rolls or pitches by up to {np.degrees(tilt.max()):.0f} degrees in {len(tilted)} of {len(up)} poses"
+        share = f"{len(tilted)} of {len(up)} poses"
+        words = f"the car rolls or pitches by up to {np.degrees(tilt.max()):.0f} degrees in {share}"
         cause = "degrees taken for radians, or z of the poses is not up"
         yield Finding("poses", "fault", words, frame_list(frames, tilted), "", cause, ESTIMATED)
 

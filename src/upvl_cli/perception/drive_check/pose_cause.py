@@ -19,6 +19,7 @@ _UNIT_TOLERANCE = 0.04
 # LiDARs on cars are that high above the road; one whose axes stand on the road shows no height.
 _LIDAR_HEIGHT_M = (1.0, 3.5)
 _MOST_CAUSES = 3
+UNKNOWN = "not known"
 
 
 def name_cause(
@@ -37,7 +38,7 @@ def name_cause(
         if found:
             break
     else:
-        words = f"not known: none of {len(candidates)} possible errors of poses explains the sweeps"
+        words = f"{UNKNOWN}: none of {len(candidates)} possible errors of poses explains the sweeps"
         return words, ESTIMATED, None
     found = _likeliest(found)
     best, fit = found[0]
@@ -78,7 +79,10 @@ def _scale_cause(scale: float, pairs: PosePairs, survey: MotionSurvey) -> tuple[
         line = f"set metres_per_unit = {_snap(points_m):.4g} under [corrections] in raw.toml"
         return f"points are in {unit}, not in metres", line
     unit = _unit_name(scale)
-    return f"positions of the poses are in {unit}, not in metres", f"multiply them by {_snap(scale):.4g}, or {ESTIMATED}"
+    return (
+        f"positions of the poses are in {unit}, not in metres",
+        f"multiply them by {_snap(scale):.4g}, or {ESTIMATED}",
+    )
 
 
 def _unit_name(unit_m: float) -> str:

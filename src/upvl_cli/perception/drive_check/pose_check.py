@@ -8,16 +8,17 @@ import numpy as np
 
 from upvl_cli.geometry.se3 import apply, compose, inverse
 from upvl_cli.perception.drive_check.axes_check import AxesEstimate
-from upvl_cli.perception.drive_check.finding import Finding
+from upvl_cli.perception.drive_check.finding import Finding, Level
 from upvl_cli.perception.drive_check.motion_config import MotionLimitsConfig
 from upvl_cli.perception.drive_check.motion_survey import MotionSurvey
 from upvl_cli.perception.drive_check.pose_arithmetic import ESTIMATED, frame_list, path_steps
 from upvl_cli.perception.drive_check.pose_cause import name_cause
-from upvl_cli.perception.drive_check.pose_delay import estimate_delay
+from upvl_cli.perception.drive_check.pose_delay import PoseDelay, estimate_delay
 from upvl_cli.perception.drive_check.pose_fit import PoseFit, fit_motions
 from upvl_cli.perception.drive_check.pose_hypotheses import PosePairs
 from upvl_cli.perception.drive_check.sample import DriveSample
-from upvl_cli.types import Array, Floats
+from upvl_cli.perception.drive_check.turn_ratio import estimate_turn_ratio
+from upvl_cli.types import Floats
 
 REFINED = 'set poses = "refined" in odometry.toml'
 _EVIDENCE_PAIRS = 6  # pairs of sweeps that the distance of static points is measured in
@@ -63,7 +64,9 @@ def check_agreement(
     """
     pairs = pose_pairs(sample, survey, axes)
     if pairs is None:
-        yield Finding("poses", "cannot tell", "no two sweeps show how the car moves, so that poses cannot be compared")
+        yield Finding(
+            "poses", "cannot tell", "no two sweeps show how the car moves, so that poses cannot be compared"
+        )
         return
     fit = fit_motions(pairs.given, pairs, limits)
     evidence = f"{int(fit.agrees.sum())} of {len(pairs)} pairs of sweeps agree"
@@ -73,7 +76,7 @@ def check_agreement(
     static = static_distance(survey, pairs)
     smooth = fit_motions(pairs.between(smooth_positions(pairs, limits.smoothing_s)), pairs, limits)
     if _is_rough(pairs, fit):
-        level = "fault" if smooth.share < limits.min_agreeing_share else "warning"
+        level: Level = "fault" if smooth.share < limits.min_agreeing_share else "warning"
         words = f"steps of the path scatter by {_scatter_m(fit) * survey.unit_m:.2f} m; {static}"
         yield Finding("poses", level, words, "", evidence, "positions are rounded or noisy", REFINED)
         return
@@ -131,7 +134,7 @@ def _scatter_m(fit: PoseFit) -> float:
 
 
 def smooth_positions(pairs: PosePairs, half_window_s: float) -> Floats:
-    """Return (T, 4, 4) poses whose positions follow a parabola through those near in time, as far as pairs need them."""
+    """Return (T, 4, 4) poses; positions that pairs need follow a parabola through those near in time."""
     poses = pairs.world_from_ego.copy()
     times_s = (pairs.times_ns - pairs.times_ns[0]) * 1e-9
     for step in sorted({*pairs.first.tolist(), *pairs.second.tolist()}):
@@ -145,36 +148,63 @@ def smooth_positions(pairs: PosePairs, half_window_s: float) -> Floats:
 def _agreement(
     sample: DriveSample, pairs: PosePairs, fit: PoseFit, evidence: str, limits: MotionLimitsConfig
 ) -> Iterator[Finding]:
-    """Yield the findings on poses that agree on the whole: roughness, single steps, delay."""
+    """Yield the findings on poses that agree on the whole: single steps, roughness, sense of turns, delay."""
+    jumps = np.append(False, path_steps(sample.frames, pairs.world_from_ego).single_jumps)
+    off = ~fit.agrees & ~jumps[pairs.second]
+    if off.any():
+        words = f"they differ from the sweeps by {np.linalg.norm(fit.offset_m[off], axis=1).max() * pairs.unit_m:.2f} m"
+        where = frame_list(sample.frames, pairs.second[off])
+        yield Finding("poses", "warning", words, where, evidence, "bad records", REFINED)
     smooth = fit_motions(pairs.between(smooth_positions(pairs, limits.smoothing_s)), pairs, limits)
-    raw_mps, smooth_mps = (
-        float(np.sqrt(np.mean((part.offset_m[:, :2] ** 2).sum(axis=1) / pairs.dt_s**2))) * pairs.unit_m
-        for part in (fit, smooth)
+    smooth_mps = (
+        float(
+            np.sqrt(np.mean((smooth.offset_m[fit.agrees, :2] ** 2).sum(axis=1) / pairs.dt_s[fit.agrees] ** 2))
+        )
+        * pairs.unit_m
     )
-    moves = np.linalg.norm(pairs.measured[:, :3, 3], axis=1) * pairs.unit_m / pairs.dt_s > limits.min_speed_mps
+    turn = estimate_turn_ratio(pairs)
+    turn_cause = turn.cause(limits) if turn else ""
     delay = estimate_delay(pairs, limits)
-    if smooth_mps > limits.roughness_mps:
+    if smooth_mps > limits.roughness_mps and not jumps.any():
         words = f"steps differ from the sweeps by {smooth_mps:.2f} m/s even after smoothing"
         yield Finding("poses", "warning", words, "", evidence, "positions are rounded or noisy", REFINED)
+    elif turn and turn_cause:
+        words = f"the car turns {turn.value:.2f} times as much by the sweeps as by the poses"
+        evidence += f"; standard deviation {turn.sigma:.2f}"
+        yield Finding("poses", "fault", words, "", evidence, turn_cause, ESTIMATED)
     elif delay is not None and delay.is_clear(limits):
         words = f"they are {abs(delay.seconds):.3f} s {'late' if delay.seconds > 0 else 'early'}"
         line = f"set pose_delay_s = {delay.seconds:.3f} under [corrections] in raw.toml"
         evidence += f"; standard deviation {delay.sigma_s:.3f} s"
         yield Finding("poses", "warning", words, "", evidence, "clocks of poses and sweeps differ", line)
-    elif not moves.any():
-        words = "poses and sweeps agree that the car stands in all sweeps looked at: a moving car would show more"
-        yield Finding("poses", "ok", words, "", evidence)
+    elif not off.any():
+        yield _good(pairs, fit, evidence, delay, limits)
+
+
+def _good(
+    pairs: PosePairs, fit: PoseFit, evidence: str, delay: PoseDelay | None, limits: MotionLimitsConfig
+) -> Finding:
+    """Return the finding on poses that are right, with what they would show."""
+    speed_mps = np.linalg.norm(pairs.measured[:, :3, 3], axis=1) * pairs.unit_m / pairs.dt_s
+    if not (speed_mps > limits.min_speed_mps).any():
+        words = (
+            "poses and sweeps agree that the car stands in all sweeps looked at: a moving car would show more"
+        )
+        return Finding("poses", "ok", words, "", evidence)
+    cm = float(np.median(np.hypot(fit.offset_m[:, 0], fit.offset_m[:, 1]))) * pairs.unit_m * 100
+    words = f"poses agree with the sweeps within {cm:.1f} cm a step"
+    if delay is None:
+        words += "; speed and turn change too little to show a delay"
     else:
-        cm = float(np.median(np.hypot(fit.offset_m[:, 0], fit.offset_m[:, 1]))) * pairs.unit_m * 100
-        words = f"poses agree with the sweeps within {cm:.1f} cm a step"
-        if delay is not None:
-            words += f"; a delay would show from {max(limits.sigmas * delay.sigma_s, limits.min_delay_s):.2f} s on"
-        else:
-            words += "; speed and turn change too little to show a delay"
-        yield Finding("poses", "ok", words, "", evidence)
+        words += (
+            f"; a delay would show from {max(limits.sigmas * delay.sigma_s, limits.min_delay_s):.2f} s on"
+        )
+    return Finding("poses", "ok", words, "", evidence)
 
 
-def check_constant(sample: DriveSample, survey: MotionSurvey, limits: MotionLimitsConfig) -> Iterator[Finding]:
+def check_constant(
+    sample: DriveSample, survey: MotionSurvey, limits: MotionLimitsConfig
+) -> Iterator[Finding]:
     """Yield a fault where all poses are equal while the sweeps move."""
     poses = sample.world_from_ego
     if poses is None or len(poses) < 2 or not path_steps(sample.frames, poses).repeats.all():
@@ -187,9 +217,6 @@ def check_constant(sample: DriveSample, survey: MotionSurvey, limits: MotionLimi
         speed = np.median([np.hypot(*pair.planar.vector[:2]) / pair.dt_s for pair in moving if pair.planar])
         words = f"all {len(poses)} poses are equal while the car moves at {speed:.1f} m/s by the sweeps"
         evidence = f"{len(moving)} of {len(survey.measured)} pairs of sweeps"
-        yield Finding("poses", "fault", words, "", evidence, "one record is repeated for all frames", ESTIMATED)
-
-
-def as_poses(values: Array) -> Floats:
-    """Return poses as float64."""
-    return np.asarray(values, dtype=np.float64)
+        yield Finding(
+            "poses", "fault", words, "", evidence, "one record is repeated for all frames", ESTIMATED
+        )

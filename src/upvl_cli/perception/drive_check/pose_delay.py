@@ -47,9 +47,9 @@ def estimate_delay(pairs: PosePairs, limits: MotionLimitsConfig) -> PoseDelay | 
     half_s = float(np.median(pairs.dt_s)) / 2
     for _ in range(_ROUNDS):
         error = _errors(pairs.after(delay_s), pairs)
-        slope = (_errors(pairs.after(delay_s + half_s), pairs) - _errors(pairs.after(delay_s - half_s), pairs)) / (
-            2 * half_s
-        )
+        slope = (
+            _errors(pairs.after(delay_s + half_s), pairs) - _errors(pairs.after(delay_s - half_s), pairs)
+        ) / (2 * half_s)
         center = np.median(error, axis=0)
         scatter = 1.48 * np.median(np.abs(error - center), axis=0) + np.array([1e-3, 1e-3, 1e-5])
         weight = (np.abs(error) < 4 * scatter + np.abs(center)) / scatter**2
@@ -57,10 +57,21 @@ def estimate_delay(pairs: PosePairs, limits: MotionLimitsConfig) -> PoseDelay | 
         if information <= 0:
             return None
         delay_s -= float((weight * slope * error).sum()) / information
-        sigma_s = 1 / np.sqrt(information)
+        sigma_s = _spread(weight * slope * error, pairs) / information
         if abs(delay_s) > limits.max_delay_s:
             return None
     return PoseDelay(delay_s, sigma_s) if limits.sigmas * sigma_s < limits.max_delay_s else None
+
+
+def _spread(terms: Floats, pairs: PosePairs) -> float:
+    """Return the standard deviation of a sum of terms, those of neighbouring pairs taken together.
+
+    Errors of positions are in one step and, with the other sign, in the next one.
+    """
+    new_run = np.append(0, np.cumsum(pairs.first[1:] != pairs.second[:-1]))
+    sums = np.bincount(new_run, weights=terms.sum(axis=1))
+    count = len(sums)
+    return float(np.sqrt(count / (count - 1) * ((sums - sums.mean()) ** 2).sum())) if count > 2 else np.inf
 
 
 def _errors(motions: Array, pairs: PosePairs) -> Floats:

@@ -51,7 +51,9 @@ class PoseFit:
         return float((np.minimum(self.error, _WORST) ** 2).mean()) if len(self.error) else np.inf
 
 
-def fit_motions(motions: Array, pairs: PosePairs, limits: MotionLimitsConfig, *, scale: float = 1.0) -> PoseFit:
+def fit_motions(
+    motions: Array, pairs: PosePairs, limits: MotionLimitsConfig, *, scale: float = 1.0
+) -> PoseFit:
     """Compare claimed with measured motions.
 
     Args:
@@ -121,4 +123,32 @@ def best_explanations(
         for candidate, fit in fits
         if fit.share >= limits.min_agreeing_share and fit.cost <= 2 * lowest + 0.05
     ]
-    return sorted(equal, key=lambda item: (item[0].rank, item[1].cost))
+    return sorted(_finest(equal, pairs, limits), key=lambda item: (item[0].rank, item[1].cost))
+
+
+def _finest(
+    found: list[tuple[PoseHypothesis, PoseFit]], pairs: PosePairs, limits: MotionLimitsConfig
+) -> list[tuple[PoseHypothesis, PoseFit]]:
+    """Return those whose errors, however small, are not clearly larger than those of the best: an F-test."""
+    if not found:
+        return found
+    ratio = 1 + limits.sigmas * np.sqrt(2 / max(len(pairs), 1))
+    for squares in (_yaw_squares, _offset_squares):
+        sizes = [squares(fit, pairs) for _, fit in found]
+        lowest = min(sizes)
+        found = [item for item, size in zip(found, sizes, strict=True) if size <= ratio * lowest]
+    return found
+
+
+def _yaw_squares(fit: PoseFit, pairs: PosePairs) -> float:
+    """Return the mean squared error of yaw, at least what the sweeps leave open; outliers do not count."""
+    error = np.nan_to_num(np.abs(fit.yaw_rad), nan=np.pi)
+    return float(
+        np.sort(error**2)[: max(int(0.9 * len(error)), 1)].mean() + (2 * np.median(pairs.sigma_rad)) ** 2
+    )
+
+
+def _offset_squares(fit: PoseFit, pairs: PosePairs) -> float:
+    """Return the same of the translation in the plane."""
+    error = np.nan_to_num((fit.offset_m[:, :2] ** 2).sum(axis=1), nan=1e6)
+    return float(np.sort(error)[: max(int(0.9 * len(error)), 1)].mean() + (2 * np.median(pairs.sigma_m)) ** 2)

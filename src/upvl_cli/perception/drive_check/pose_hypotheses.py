@@ -115,7 +115,9 @@ def _other_axes(motions: Floats, cause: str, remedy: str) -> Iterator[PoseHypoth
         turn[:3, :3] = np.eye(3)[list(order)] * np.array(signs)[:, None]
         if np.array_equal(turn, np.eye(4)):
             continue
-        names = tuple(("-" if sign < 0 else "") + _NAMES[axis] for axis, sign in zip(order, signs, strict=True))
+        names = tuple(
+            ("-" if sign < 0 else "") + _NAMES[axis] for axis, sign in zip(order, signs, strict=True)
+        )
         is_mirror = bool(np.linalg.det(turn) < 0)
         rank = 4 + (_FREQUENT_AXES.index(names) if names in _FREQUENT_AXES else 6) + (4 if is_mirror else 0)
         rank += 10 if cause else 0
@@ -146,8 +148,8 @@ def _headings(pairs: PosePairs) -> Iterator[PoseHypothesis]:
         if not moving.any():
             continue
         offset = _circular_median(measured_way[moving] - way[moving])
-        if not mirrored and factor == 1.0 and abs(offset) < np.deg2rad(4):
-            continue
+        if not mirrored and factor == 1.0 and _is_quarter(offset):
+            continue  # other axes, or nothing wrong
         direction = way + offset
         place = np.stack([length_m * np.cos(direction), length_m * np.sin(direction), step[:, 2]], axis=1)
         motions = from_yaw(turned[pairs.second] - turned[pairs.first], place)
@@ -160,19 +162,32 @@ def _circular_median(angles: Floats) -> float:
     return float(wrap_angle(mean + np.median(wrap_angle(angles - mean))))
 
 
+def _is_quarter(angle_rad: float) -> bool:
+    """Return whether an angle is nearly a multiple of 90 degrees."""
+    return bool(abs(wrap_angle(4 * angle_rad)) < 4 * np.deg2rad(4))
+
+
 def _heading_cause(mirrored: bool, factor: float, offset_rad: float) -> tuple[str, int]:
-    """Return a cause in words, and its rank."""
+    """Return a cause in words, and its rank: errors of signs and orders leave multiples of 90 degrees."""
+    words, rank = _sense_cause(mirrored, factor, offset_rad)
+    return words, rank if _is_quarter(offset_rad) else rank + 9
+
+
+def _sense_cause(mirrored: bool, factor: float, offset_rad: float) -> tuple[str, int]:
     if factor > 1:
         return "yaw is in radians where degrees are expected: it turns 57 times too little", 3
     if 0 < factor < 1:
         return "yaw is in degrees where radians are expected: it turns 57 times too much", 3
     if mirrored and factor > 0:
-        return "the path is mirrored against the heading: latitude and longitude (x and y) swapped, or one negated", 2
+        return (
+            "the path is mirrored against the heading: latitude and longitude (x and y) swapped, or one negated",
+            2,
+        )
     if factor < 0 and not mirrored:
         return "yaw has the wrong sense: it is measured clockwise, for example from north (pi/2 - yaw)", 2
     if mirrored:
         return "left and right are swapped in the poses or in the points", 9
-    return f"the heading is turned by {np.degrees(offset_rad):.0f} degrees against the path", 3
+    return f"the heading is turned by {np.degrees(offset_rad):.0f} degrees against the path", 0
 
 
 def _other_order(pairs: PosePairs) -> Iterator[PoseHypothesis]:
@@ -183,7 +198,12 @@ def _other_order(pairs: PosePairs) -> Iterator[PoseHypothesis]:
     )
     remedy = "sort sweeps and poses by time"
     yield PoseHypothesis("sweeps and poses run in opposite order", remedy, 2, backwards)
-    steps = np.array([_product(pairs.world_from_ego[a + 1 : b + 1]) for a, b in zip(pairs.first, pairs.second, strict=True)])
+    steps = np.array(
+        [
+            _product(pairs.world_from_ego[a + 1 : b + 1])
+            for a, b in zip(pairs.first, pairs.second, strict=True)
+        ]
+    )
     cause = "each pose is the step from the frame before, not a place in the world"
     yield PoseHypothesis(cause, f"chain the steps, {ESTIMATE}", 6, steps.reshape(-1, 4, 4))
 

@@ -29,13 +29,11 @@ class PlanarMotion:
         vector: (3,) x (m), y (m), yaw (rad).
         covariance: (3, 3) of the vector.
         inlier_share: Share of the voxels of the source with a partner.
-        skew: Share of a motion compensation that is missing, and its standard deviation: see `compensation_check`.
     """
 
     vector: Floats
     covariance: Floats
     inlier_share: float
-    skew: tuple[float, float] = (0.0, np.inf)
 
     @property
     def matrix(self) -> Floats:
@@ -61,7 +59,7 @@ def measure_motion(
     """
     if min(len(source), len(target)) < config.neighbors:
         return None
-    surfaces = _information(target, config)
+    surfaces = surface_information(target, config)
     coarse = coarse_motions(source, target, dt_s, config)
     candidates = [
         guess + (x, y, 0.0)
@@ -73,7 +71,7 @@ def measure_motion(
     scores = [agreement(few, target, surfaces, start, config) for start in candidates]
     best, highest = None, 0.0
     for place in np.argsort(-np.array(scores), kind="stable")[: config.starts]:
-        found = _refine(source, target, surfaces, candidates[place], config)
+        found = refine_motion(source, target, surfaces, candidates[place], config)
         score = agreement(source, target, surfaces, found.vector, config) if found else 0.0
         if score > highest:
             best, highest = found, score
@@ -81,10 +79,14 @@ def measure_motion(
 
 
 def agreement(
-    source: UprightStructure, target: UprightStructure, surfaces: Floats, vector: Floats, config: RegisterConfig
+    source: UprightStructure,
+    target: UprightStructure,
+    surfaces: Floats,
+    vector: Floats,
+    config: RegisterConfig,
 ) -> float:
     """Return how well a motion explains two sweeps: 1 where every voxel lies on a surface of the other, 0 for none."""
-    found = _match(source, target, surfaces, vector, config.radius_m[-1])
+    found = match_surfaces(source, target, surfaces, vector, config.radius_m[-1])
     return float((1 / (1 + found.mahalanobis / 4)).sum()) / max(len(source), 1)
 
 
@@ -120,7 +122,7 @@ def _occupied(xy_m: Floats, size: int, cell_m: float) -> Floats:
     return grid
 
 
-def _information(target: UprightStructure, config: RegisterConfig) -> Floats:
+def surface_information(target: UprightStructure, config: RegisterConfig) -> Floats:
     """Return (n, 3) inverse covariance of each voxel's surface in the plane: xx, xy, yy in 1/m2."""
     places = target.tree.data
     _, near = target.tree.query(places, k=min(config.neighbors, len(places)))
@@ -130,12 +132,17 @@ def _information(target: UprightStructure, config: RegisterConfig) -> Floats:
     xx, yy = (xy[..., 0] ** 2).mean(axis=1) + noise, (xy[..., 1] ** 2).mean(axis=1) + noise
     cross = (xy[..., 0] * xy[..., 1]).mean(axis=1)
     determinant = xx * yy - cross**2
-    return np.stack([yy, -cross, xx], axis=1) / determinant[:, None]
+    return np.asarray(np.stack([yy, -cross, xx], axis=1) / determinant[:, None])
 
 
-def _refine(
-    source: UprightStructure, target: UprightStructure, surfaces: Floats, guess: Floats, config: RegisterConfig
+def refine_motion(
+    source: UprightStructure,
+    target: UprightStructure,
+    surfaces: Floats,
+    guess: Floats,
+    config: RegisterConfig,
 ) -> PlanarMotion | None:
+    """Refine a guess by ICP in the plane; None where the sweeps do not fix the motion."""
     vector = np.array(guess, dtype=np.float64)
     for radius_m in config.radius_m:
         for _ in range(config.iterations):
@@ -155,7 +162,7 @@ def _refine(
     return PlanarMotion(vector, covariance, system.inlier_share)
 
 
-class _Match(NamedTuple):
+class SurfaceMatch(NamedTuple):
     """Voxels of a source with a partner in the target.
 
     Attributes:
@@ -174,10 +181,16 @@ class _Match(NamedTuple):
     surface: Floats
     mahalanobis: Floats
 
+    @property
+    def weight(self) -> Floats:
+        """(k,) weight of each, by the robust kernel of Geman and McClure at two standard deviations."""
+        return np.asarray(1 / (1 + self.mahalanobis / 4) ** 2)
 
-def _match(
+
+def match_surfaces(
     source: UprightStructure, target: UprightStructure, surfaces: Floats, vector: Floats, radius_m: float
-) -> _Match:
+) -> SurfaceMatch:
+    """Return the voxels of a source that have a partner within a radius once a motion is applied."""
     moved = apply(from_yaw(float(vector[2]), np.array([vector[0], vector[1], 0.0])), source.xyz_m)
     distance, partner = target.tree.query(target.search_places(moved), distance_upper_bound=radius_m)
     row = np.flatnonzero(np.isfinite(distance))
@@ -189,7 +202,7 @@ def _match(
         + 2 * surface[:, 1] * gap[:, 0] * gap[:, 1]
         + surface[:, 2] * gap[:, 1] ** 2
     )
-    return _Match(row, partner, moved, gap, surface, mahalanobis)
+    return SurfaceMatch(row, partner, moved, gap, surface, mahalanobis)
 
 
 @dataclass(frozen=True)
@@ -215,12 +228,12 @@ class _Normal:
         radius_m: float,
         config: RegisterConfig,
     ) -> _Normal | None:
-        found = _match(source, target, surfaces, vector, radius_m)
+        found = match_surfaces(source, target, surfaces, vector, radius_m)
         if len(found.gap_m) < config.neighbors:
             return None
         moved, gap = found.moved_m, found.gap_m
         xx, xy, yy = found.surface.T
-        weight = 1 / (1 + found.mahalanobis / 4) ** 2  # Geman-McClure at two standard deviations
+        weight = found.weight
         lever = moved - (vector[0], vector[1], 0.0)
         jacobian = np.zeros((len(moved), 2, 3))
         jacobian[:, 0, 0] = jacobian[:, 1, 1] = 1.0
@@ -228,7 +241,9 @@ class _Normal:
         weighted = np.empty_like(jacobian)
         weighted[:, 0] = weight[:, None] * (xx[:, None] * jacobian[:, 0] + xy[:, None] * jacobian[:, 1])
         weighted[:, 1] = weight[:, None] * (xy[:, None] * jacobian[:, 0] + yy[:, None] * jacobian[:, 1])
-        sector = ((np.arctan2(lever[:, 1], lever[:, 0]) / (2 * np.pi) + 0.5) * config.sectors).astype(np.int64)
+        sector = ((np.arctan2(lever[:, 1], lever[:, 0]) / (2 * np.pi) + 0.5) * config.sectors).astype(
+            np.int64
+        )
         sector = np.minimum(sector, config.sectors - 1)
         total = config.sectors
         hessian, gradient = np.zeros((total, 3, 3)), np.zeros((total, 3))
@@ -236,7 +251,10 @@ class _Normal:
             values = weighted[:, 0, row] * gap[:, 0] + weighted[:, 1, row] * gap[:, 1]
             gradient[:, row] = np.bincount(sector, weights=values, minlength=total)
             for column in range(row, 3):
-                values = weighted[:, 0, row] * jacobian[:, 0, column] + weighted[:, 1, row] * jacobian[:, 1, column]
+                values = (
+                    weighted[:, 0, row] * jacobian[:, 0, column]
+                    + weighted[:, 1, row] * jacobian[:, 1, column]
+                )
                 hessian[:, row, column] = np.bincount(sector, weights=values, minlength=total)
                 hessian[:, column, row] = hessian[:, row, column]
         return _Normal(hessian, gradient, len(gap) / len(source))
@@ -251,4 +269,4 @@ class _Normal:
         without = np.linalg.solve(total_h - self.hessian, (total_g - self.gradient)[..., None])[..., 0]
         spread = without - without.mean(axis=0)
         count = len(spread)
-        return (count - 1) / count * np.einsum("ki,kj->ij", spread, spread)
+        return np.asarray((count - 1) / count * np.einsum("ki,kj->ij", spread, spread))

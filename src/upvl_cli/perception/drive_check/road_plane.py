@@ -91,7 +91,7 @@ def _low_points(level: Floats, config: RoadConfig) -> Floats:
     order = np.lexsort((level[:, 2], keys))
     begins = np.flatnonzero(np.append(True, np.diff(keys[order]) != 0))
     count = np.diff(np.append(begins, len(order)))
-    return level[order[begins + np.minimum(1, count - 1)]]
+    return np.asarray(level[order[begins + np.minimum(1, count - 1)]])
 
 
 def _residual(level: Floats, plane: Floats) -> Floats:
@@ -130,4 +130,4 @@ def level_from_points(road: RoadPlane | None) -> Array:
     normal = basis @ road.normal  # in the axes of the basis: nearly z
     first = np.array([1.0, 0.0, 0.0]) - normal[0] * normal
     first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(normal, first), normal]) @ basis
+    return np.asarray(np.stack([first, np.cross(normal, first), normal]) @ basis)
