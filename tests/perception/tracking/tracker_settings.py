@@ -12,5 +12,8 @@ CONFIG = TrackerConfig(
     max_gap_s=1.5,
     min_boxes=4,
     window_s=30.0,
+    min_seconds=0.5,
+    min_coast_frames=1,
+    min_gap_frames=2,
     travel=TravelConfig(required=True, min_distance_m=1.0, min_path_slope=0.5),
 )

@@ -42,7 +42,7 @@ class KittiSegment:
 class Kitti:
     """The drives below a folder; the folder of one day, one split or one drive will do as well."""
 
-    version = 1
+    version = 2
     fingerprint_values: Mapping[str, object] = MappingProxyType({})
 
     def __init__(self, root: Path) -> None:

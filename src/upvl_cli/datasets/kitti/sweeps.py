@@ -21,6 +21,8 @@ _PLACES = RowLayout("<f4", 3)  # as some tools write it, without reflectance
 
 LIDAR_HEIGHT_M = 1.73  # the Velodyne above the road: Geiger et al., IJRR 2013, figure 3
 _SAME_CAR_M = 0.3  # the measured height of another car's LiDAR differs by more, or nothing shows it
+# A drive of KITTI's own name may stand on a slope; axes that were moved, say to the road, differ by more.
+_SAME_AXES_M = 0.8
 # KITTI's car around its LiDAR, with the rack whose tips return up to 1.5 m to each side (seen in drive 0001):
 # what is measured in there moves as the car does, and is the car.
 _CAR_X_M, _CAR_Y_M = (-2.3, 3.0), (-1.6, 1.6)
@@ -70,7 +72,8 @@ def measure_vehicle(sweeps: Sequence[Path], *, is_kittis: bool | None) -> Vehicl
 
     Args:
         sweeps: The files of the drive, in order.
-        is_kittis: Whether the car is KITTI's; None where it is if the LiDAR is as high above the road as on that one.
+        is_kittis: Whether the drive says that the car is KITTI's; None where it says nothing. Either way it is only
+            where the road is measured as far below the axes as on that car.
     """
     chosen = np.unique(np.linspace(0, len(sweeps) - 1, _MEASURED_SWEEPS).astype(int))
     heights_m, largest = [], 0.0
@@ -83,8 +86,8 @@ def measure_vehicle(sweeps: Sequence[Path], *, is_kittis: bool | None) -> Vehicl
             heights_m.append(road_height_m(values[:, :3]))
             largest = max(largest, float(values[:, 3].max()))
     ground_z_m = float(np.median(heights_m)) if heights_m else -LIDAR_HEIGHT_M
-    if is_kittis is None:
-        is_kittis = abs(ground_z_m + LIDAR_HEIGHT_M) <= _SAME_CAR_M
+    off_m = abs(ground_z_m + LIDAR_HEIGHT_M)
+    is_kittis = off_m <= (_SAME_CAR_M if is_kittis is None else _SAME_AXES_M) and is_kittis is not False
     return Vehicle(
         ground_z_m=-LIDAR_HEIGHT_M if is_kittis else ground_z_m,
         has_outline=is_kittis,

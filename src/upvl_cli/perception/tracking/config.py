@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 from upvl_cli.config.base import Config, setting, table
 
@@ -64,7 +65,38 @@ class TrackerConfig(Config):
         ge=1,
         le=3600,
     )
+    min_seconds: float = setting(
+        "time that a track with fewer boxes spans, where sweeps are so rare that it can have no more in that time",
+        "s",
+        ge=0,
+        le=3600,
+    )
+    min_coast_frames: int = setting(
+        "sweeps for which a track goes on without a box, where that is longer than `max_coast_s`", ge=1, le=100
+    )
+    min_gap_frames: int = setting(
+        "sweeps between the end of a track and the start of another that are joined, where that is longer than "
+        "`max_gap_s`",
+        ge=1,
+        le=100,
+    )
     travel: TravelConfig = table("which tracks are dropped because they stand still")
+
+    def at_rate(self, step_s: float) -> TrackerConfig:
+        """Return the limits that mean the same where sweeps are rarer.
+
+        Args:
+            step_s: Usual time between sweeps; 0 for a single one, which changes nothing.
+        """
+        if step_s <= 0:
+            return self
+        # Times between sweeps vary: half a step more takes in the last of the frames, a quarter less no frame more.
+        return replace(
+            self,
+            max_coast_s=max(self.max_coast_s, (self.min_coast_frames + 0.5) * step_s),
+            max_gap_s=max(self.max_gap_s, (self.min_gap_frames + 0.5) * step_s),
+            min_boxes=min(self.min_boxes, max(2, math.ceil(self.min_seconds / step_s - 0.25) + 1)),
+        )
 
 
 @dataclass(frozen=True)

@@ -89,6 +89,7 @@ def track(frame: Ints, boxes: Boxes, velocity_mps: Floats, time_s: Floats, confi
         time_s: (T,) ascending time of each frame.
         config: Settings.
     """
+    config = config.at_rate(float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0)
     model = MotionModel(config)
     state = np.hstack([boxes.center_m[:, :2], velocity_mps[:, :2]])
     measured = _Measurements(frame, boxes, velocity_mps, state, model.noise(boxes), time_s)
