@@ -26,10 +26,4 @@ class CheckConfig(Config):
     min_frames: int = setting("frames that are checked of each camera, at least", ge=1, le=10**6)
     max_frames: int = setting("frames that are checked of each camera, at most", ge=1, le=10**6)
     max_delay_s: float = setting("largest time between a picture and its sweep", "s", ge=0, le=100)
-    fault_deg: float = setting(
-        "rotation error of a camera for which the check says whether it would find it", "degrees", gt=0, le=90
-    )
-    fault_m: float = setting(
-        "translation error of a camera for which the check says whether it would find it", "m", gt=0, le=10
-    )
     camera: CameraCheckConfig = table("How far the calibration of a camera is off.")

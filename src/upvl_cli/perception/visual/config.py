@@ -70,6 +70,21 @@ class CameraCheckConfig(Config):
 
     tolerance_deg: float = setting("a rotation of the camera up to this is no fault", "degrees", ge=0, le=90)
     tolerance_m: float = setting("a translation of the camera up to this is no fault", "m", ge=0, le=10)
+    tolerance_delay_s: float = setting("a delay of the pictures up to this is no fault", "s", ge=0, le=10)
+    fault_deg: float = setting(
+        "rotation error of a camera for which the check says whether it would find it", "degrees", gt=0, le=90
+    )
+    fault_m: float = setting(
+        "translation error of a camera for which the check says whether it would find it", "m", gt=0, le=10
+    )
+    fault_delay_s: float = setting(
+        "delay of the pictures for which the check says whether it would find it", "s", gt=0, le=10
+    )
+    gain_sigmas: float = setting(
+        "standard deviations by which pictures agree better with an offset that is a fault than with none",
+        ge=0,
+        le=100,
+    )
     fault_sigmas: float = setting(
         "standard deviations between an offset and the tolerance from which it is a fault", ge=0, le=100
     )
@@ -93,10 +108,15 @@ class CameraCheckConfig(Config):
     )
     prior_deg: float = setting("standard deviation of the prior on each rotation", "degrees", gt=0, le=90)
     prior_m: float = setting("standard deviation of the prior on each translation", "m", gt=0, le=10)
+    prior_delay_s: float = setting("standard deviation of the prior on the delay", "s", gt=0, le=10)
     prior_weight: float = setting("weight of the prior beside the mean edge strength", ge=0, le=1000)
     min_outlines: int = setting("fewest outline points from which an offset is estimated", ge=1, le=10**6)
+    max_outlines: int = setting("outline points that are used, at most", ge=100, le=10**6)
     strips: int = setting("upright strips of the picture whose errors are independent", ge=1, le=1000)
-    spans: int = setting("spans of time whose errors are independent", ge=1, le=1000)
+    spans: int = setting("spans of time whose errors are independent, at most", ge=1, le=1000)
+    scene_change: float = setting(
+        "median change of grey, of 255, from which a picture shows another scene", gt=0, le=255
+    )
     column_offset_deg: float = setting(
         "how far all left or right outlines may lie off together: half a LiDAR column", "degrees", ge=0, le=20
     )
