@@ -68,7 +68,8 @@ class CalibrationOffset:
         vector: (7,) rotation vector (rad) and translation (m) in the axes of the camera, and delay (s): how much
             later than they say the pictures were taken.
         covariance: (7, 7) of it.
-        gain_sigmas: Standard deviations by which the pictures agree better with this offset than with none.
+        gain_sigmas: Standard deviations by which the pictures agree better with this offset than with the most likely
+            tolerable one.
         fault_gains: (7,) the same against this offset with a typical fault along each axis beside it.
         chance_sigmas: Standard deviations by which the outlines lie better on edges than they would by chance.
         scenes: Number of different scenes that the pictures show.
@@ -146,10 +147,14 @@ class CalibrationOffset:
 
     def _sigmas_beyond(self, vector: Array, bounds: Array) -> float:
         """Return the Mahalanobis distance from an error to the nearest one within bounds."""
-        whiten = np.linalg.inv(np.linalg.cholesky(self.covariance / np.outer(UNITS, UNITS)))
-        limits = bounds / UNITS
-        nearest = lsq_linear(whiten, whiten @ (vector / UNITS), (-limits, limits))
-        return float(np.sqrt(2 * nearest.cost))
+        return _nearest(vector / UNITS, self.covariance / np.outer(UNITS, UNITS), bounds / UNITS)[0]
+
+
+def _nearest(state: Floats, covariance: Floats, limits: Floats) -> tuple[float, Floats]:
+    """Return the Mahalanobis distance from an offset to the nearest one within limits, and that one."""
+    whiten = np.linalg.inv(np.linalg.cholesky(covariance))
+    nearest = lsq_linear(whiten, whiten @ state, (-limits, limits))
+    return float(np.sqrt(2 * nearest.cost)), np.asarray(nearest.x)
 
 
 def tolerances(config: CameraCheckConfig) -> Floats:
@@ -192,13 +197,17 @@ def estimate_offset(
         agreement = EdgeAgreement(
             downsample_camera(small, pool), outlines, pooled, sharp_px, scene=scene, config=config
         )
+        if free == PARAMETERS and not state[6]:
+            state = _start_with_delay(agreement, state, config)
         state = agreement.maximize(state, free)
     covariance = agreement.covariance(state) + _MIN_SIGMA**2 * np.eye(PARAMETERS)
+    limits = tolerances(config) / UNITS
+    _, tolerable = _nearest(state, covariance, limits)
     aside = state + np.diag(typical_faults(config) / UNITS)
     return CalibrationOffset(
         vector=state * UNITS,
         covariance=covariance * np.outer(UNITS, UNITS),
-        gain_sigmas=agreement.gain_sigmas(state, np.zeros(PARAMETERS)),
+        gain_sigmas=agreement.gain_sigmas(state, tolerable),
         fault_gains=np.array([agreement.gain_sigmas(state, other) for other in aside]),
         chance_sigmas=agreement.chance_sigmas(state),
         scenes=int(scene.max()) + 1,
@@ -206,6 +215,13 @@ def estimate_offset(
         has_delay=has_delay,
         config=config,
     )
+
+
+def _start_with_delay(agreement: EdgeAgreement, state: Floats, config: CameraCheckConfig) -> Floats:
+    """Return the offset with the delay of best agreement, each with the rotation that suits it."""
+    delays = np.array(config.start_delays_s) / UNITS[6]
+    starts = [agreement.maximize(np.concatenate([np.zeros(6), [delay]]), 3) for delay in delays]
+    return min([state, *starts], key=lambda start: agreement.loss(start)[0])
 
 
 def _outlines(camera: Camera, pair: ImageSweepPair, view: int, config: CameraCheckConfig) -> Outlines:
