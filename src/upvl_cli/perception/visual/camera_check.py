@@ -189,7 +189,7 @@ def estimate_offset(
     has_delay = any(pair.is_moving for pair in pairs)
     state: Floats = np.zeros(PARAMETERS)
     rounds = [(blur, 3) for blur in config.rotation_blur_deg]
-    rounds += [(blur, PARAMETERS if has_delay else 6) for blur in config.pose_blur_deg]
+    rounds += [(blur, 6) for blur in config.pose_blur_deg]
     for blur_deg, free in rounds:
         blur_px = max(1.0, np.deg2rad(blur_deg) * small.intrinsic[0, 0])
         pool = max(1, int(blur_px / _SHARP_PX))
@@ -197,9 +197,9 @@ def estimate_offset(
         agreement = EdgeAgreement(
             downsample_camera(small, pool), outlines, pooled, sharp_px, scene=scene, config=config
         )
-        if free == PARAMETERS and not state[6]:
-            state = _start_with_delay(agreement, state, config)
         state = agreement.maximize(state, free)
+    if has_delay:
+        state = _with_delay(agreement, state, config)
     covariance = agreement.covariance(state) + _MIN_SIGMA**2 * np.eye(PARAMETERS)
     limits = tolerances(config) / UNITS
     _, tolerable = _nearest(state, covariance, limits)
@@ -217,11 +217,19 @@ def estimate_offset(
     )
 
 
-def _start_with_delay(agreement: EdgeAgreement, state: Floats, config: CameraCheckConfig) -> Floats:
-    """Return the offset with the delay of best agreement, each with the rotation that suits it."""
-    delays = np.array(config.start_delays_s) / UNITS[6]
-    starts = [agreement.maximize(np.concatenate([np.zeros(6), [delay]]), 3) for delay in delays]
-    return min([state, *starts], key=lambda start: agreement.loss(start)[0])
+def _with_delay(agreement: EdgeAgreement, state: Floats, config: CameraCheckConfig) -> Floats:
+    """Return the offset and the delay of best agreement, from the best of several delays on.
+
+    Args:
+        agreement: With sharp edges: blurred ones hardly tell a delay from a turn.
+        state: (7,) best offset without a delay, in `UNITS`.
+        config: Delays to start from.
+    """
+    steps = np.arange(-config.max_delay_s, config.max_delay_s, config.delay_step_s) + config.delay_step_s
+    delays = np.outer(steps / UNITS[6], np.arange(PARAMETERS) == 6)
+    start = min([*delays, *(state + delays)], key=lambda other: agreement.loss(other)[0])
+    fits = [agreement.maximize(other, PARAMETERS) for other in (state, start)]
+    return min(fits, key=lambda other: agreement.loss(other)[0])
 
 
 def _outlines(camera: Camera, pair: ImageSweepPair, view: int, config: CameraCheckConfig) -> Outlines:

@@ -109,9 +109,8 @@ class CameraCheckConfig(Config):
     prior_deg: float = setting("standard deviation of the prior on each rotation", "degrees", gt=0, le=90)
     prior_m: float = setting("standard deviation of the prior on each translation", "m", gt=0, le=10)
     prior_delay_s: float = setting("standard deviation of the prior on the delay", "s", gt=0, le=10)
-    start_delays_s: tuple[float, ...] = setting(
-        "delays of the pictures that the search starts from, beside none", "s", ge=-10, le=10
-    )
+    max_delay_s: float = setting("delays of the pictures up to this are looked for", "s", gt=0, le=10)
+    delay_step_s: float = setting("step between the delays that are tried", "s", gt=0, le=10)
     prior_weight: float = setting("weight of the prior beside the mean edge strength", ge=0, le=1000)
     min_outlines: int = setting("fewest outline points from which an offset is estimated", ge=1, le=10**6)
     max_outlines: int = setting("outline points that are used, at most", ge=100, le=10**6)
