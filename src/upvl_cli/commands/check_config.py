@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from upvl_cli.config.base import Config, setting, table
-from upvl_cli.perception.visual.config import CameraCheckConfig
+from upvl_cli.perception.drive_check.camera_config import CamerasConfig
 
 
 @dataclass(frozen=True)
@@ -22,8 +22,4 @@ class CheckConfig(Config):
 
     sample: SampleConfig = table("Sweeps of a drive that are looked at.")
     quick: SampleConfig = table("Sweeps that the quick part looks at, which `autolabel` asks first.")
-    images: int = setting("pictures of a drive that are checked, shared by its cameras", ge=1, le=10**6)
-    min_frames: int = setting("frames that are checked of each camera, at least", ge=1, le=10**6)
-    max_frames: int = setting("frames that are checked of each camera, at most", ge=1, le=10**6)
-    max_delay_s: float = setting("largest time between a picture and its sweep", "s", ge=0, le=100)
-    camera: CameraCheckConfig = table("How far the calibration of a camera is off.")
+    camera: CamerasConfig = table("Cameras and their pictures.")

@@ -111,8 +111,11 @@ class CalibrationOffset:
     @property
     def is_fault(self) -> bool:
         """Whether no calibration and time within the tolerances explain what was seen."""
-        if self.gain_sigmas < self.config.gain_sigmas:
-            return False
+        return self.is_doubtful and self.gain_sigmas > self.config.gain_sigmas
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether the best offset is beyond the tolerances, however unclear it is that pictures agree better."""
         return self._sigmas_beyond(self.vector, tolerances(self.config)) > self.config.fault_sigmas
 
     @property

@@ -128,3 +128,22 @@ class CameraCheckConfig(Config):
     min_offset_px: float = setting("least common displacement of outlines", "px", ge=0, le=1000)
     edge_noise: float = setting("gradient of a plain surface by noise, of 255 a pixel", gt=0, le=255)
     outline: OutlineConfig = table("Outlines of near surfaces in a sweep.")
+
+
+@dataclass(frozen=True)
+class CameraAxesConfig(Config):
+    """Which way a camera looks, roughly."""
+
+    column_deg: float = setting("width of a cell of the range image", "degrees", gt=0, le=10)
+    row_deg: float = setting("height of a cell of the range image", "degrees", gt=0, le=10)
+    min_range_gap_m: float = setting("a far surface is farther by at least this range", "m", ge=0, le=100)
+    min_range_gap_share: float = setting("a far surface is farther by at least this share", ge=0, le=1)
+    same_surface_m: float = setting(
+        "cells of one surface differ in range by less than this", "m", ge=0, le=100
+    )
+    focal_px: float = setting("pictures are reduced to about this focal length", "px", ge=10, le=1e5)
+    blur_deg: float = setting("blur of the edges", "degrees", gt=0, le=20)
+    search_deg: float = setting("a hypothesis may be off by about this", "degrees", ge=0, le=20)
+    min_outlines: int = setting("fewest outlines in view", ge=1, le=10**6)
+    max_outlines: int = setting("most outlines that are used", ge=1, le=10**6)
+    pictures: int = setting("pictures of a camera that are looked at", ge=1, le=1000)
