@@ -67,17 +67,17 @@ def check_cameras(sample: DriveSample, config: CamerasConfig) -> Iterator[Findin
         config: Settings.
     """
     steps = camera_steps(sample, config)
-    first: list[Image | None] = []
+    shown: dict[str, Mapping[int, Image | None]] = {}
     usable: list[Camera] = []
     for camera in sample.cameras:
         findings = list(_mounting(camera))
         pictures = {step: sample.picture(step, camera.name) for step in steps}
         findings += check_pictures(sample, camera, pictures, config.picture)
         yield from findings
-        first.append(pictures[steps[0]] if steps else None)
+        shown[camera.name] = pictures
         if not any(finding.is_fault for finding in findings):
             usable.append(camera)
-    copies = list(check_copies([camera.name for camera in sample.cameras], first))
+    copies = list(check_copies(shown, config.picture))
     yield from copies
     if copies:
         return

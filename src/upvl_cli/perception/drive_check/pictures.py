@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -129,21 +129,28 @@ def _frozen(
         )
 
 
-def check_copies(cameras: Sequence[str], first_pictures: Sequence[Image | None]) -> Iterator[Finding]:
-    """Yield a finding for each two cameras with one picture.
+def check_copies(
+    pictures: Mapping[str, Mapping[int, Image | None]], config: PictureCheckConfig
+) -> Iterator[Finding]:
+    """Yield a finding for each two cameras that show the same in all pictures.
 
     Args:
-        cameras: Their names.
-        first_pictures: A picture of each at the same step.
+        pictures: By camera and step.
+        config: How many pictures are needed, and when one shows something.
     """
-    for second, other in enumerate(first_pictures):
-        for first, image in enumerate(first_pictures[:second]):
-            if image is None or other is None or not np.array_equal(image.rgb, other.rgb):
+    names = list(pictures)
+    for second, other in enumerate(names):
+        for name in names[:second]:
+            pairs = [(image, pictures[other].get(step)) for step, image in pictures[name].items()]
+            both = [(one.rgb, two.rgb) for one, two in pairs if one is not None and two is not None]
+            if len(both) < config.min_pictures or picture_kind(both[0][0], config):
                 continue
-            yield Finding(
-                f"camera {cameras[second]}",
-                "fault",
-                f"shows the picture of camera {cameras[first]}",
-                cause="the pictures of one camera stand under two names",
-                remedy="look at the folders of the pictures",
-            )
+            if all(np.array_equal(one, two) for one, two in both):
+                yield Finding(
+                    f"camera {other}",
+                    "fault",
+                    f"shows the pictures of camera {name}",
+                    evidence=f"all {len(both)} pictures",
+                    cause="the pictures of one camera stand under two names",
+                    remedy="look at the folders of the pictures",
+                )
