@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from upvl_cli.config.base import Config, setting, table
+from upvl_cli.perception.drive_check.camera_config import CamerasConfig
 from upvl_cli.perception.drive_check.clock_check import ClockCheckConfig
 from upvl_cli.perception.drive_check.motion_config import MotionCheckConfig
 from upvl_cli.perception.drive_check.points_check import PointsCheckConfig
 from upvl_cli.perception.drive_check.units_check import UnitsCheckConfig
 from upvl_cli.perception.sensor.config import SensorConfig
-from upvl_cli.perception.visual.config import CameraCheckConfig
 
 
 @dataclass(frozen=True)
@@ -27,17 +27,7 @@ class CheckConfig(Config):
 
     sample: SampleConfig = table("Sweeps of a drive that are looked at.")
     quick: SampleConfig = table("Sweeps that the quick part looks at, which `autolabel` asks first.")
-    images: int = setting("pictures of a drive that are checked, shared by its cameras", ge=1, le=10**6)
-    min_frames: int = setting("frames that are checked of each camera, at least", ge=1, le=10**6)
-    max_frames: int = setting("frames that are checked of each camera, at most", ge=1, le=10**6)
-    max_delay_s: float = setting("largest time between a picture and its sweep", "s", ge=0, le=100)
-    fault_deg: float = setting(
-        "rotation error of a camera for which the check says whether it would find it", "degrees", gt=0, le=90
-    )
-    fault_m: float = setting(
-        "translation error of a camera for which the check says whether it would find it", "m", gt=0, le=10
-    )
-    camera: CameraCheckConfig = table("How far the calibration of a camera is off.")
+    camera: CamerasConfig = table("Cameras and their pictures.")
     motion: MotionCheckConfig = table("Poses, axes and motion compensation, by the sweeps themselves.")
     sensor: SensorConfig = table("How the sensors of a drive are measured.")
     points: PointsCheckConfig = table("What sweeps may hold.")

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from upvl_cli.commands.check_config import CheckConfig
 from upvl_cli.config.toml import load
 from upvl_cli.errors import UpvlError
+from upvl_cli.perception.drive_check.cameras import check_cameras
 from upvl_cli.perception.drive_check.clock_check import check_clock
 from upvl_cli.perception.drive_check.completeness import check_completeness
 from upvl_cli.perception.drive_check.finding import LEVELS, Finding, Level
@@ -22,13 +25,15 @@ from upvl_cli.perception.sensor.card import SensorCard
 from upvl_cli.perception.sensor.limits import limits
 from upvl_cli.perception.sensor.measure import measure_sensor
 from upvl_cli.pipeline.provenance import to_json
+from upvl_cli.pipeline.tables import Table
 from upvl_cli.runtime.atomic import write_if_changed
+from upvl_cli.stages.rows import OdometryRow
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from upvl_cli.pipeline.workspace import Workspace
-    from upvl_cli.types import Drive
+    from upvl_cli.types import Array, Drive
 
 _VERSION = 1  # raised by hand when a check finds other things on equal drives
 _SWEEPS_AT_HAND, _PICTURES_AT_HAND = 48, 64  # a sweep holds some 5 MB, a picture 1.5 MB
@@ -94,7 +99,22 @@ def check_segment(workspace: Workspace, segment: str, *, quick: bool) -> CheckRe
     if quick:
         return CheckReport(segment, tuple(_findings(QUICK_PARTS, sample, config)))
     card = measure_sensor(sample, config.sensor)
-    return CheckReport(segment, (*_findings(PARTS, sample, config), *_from_card(card, config)), card)
+    found = [*_findings(PARTS, sample, config), *_from_card(card, config)]
+    # Where points, poses or axes are wrong, cameras would be blamed for it.
+    if not any(finding.is_fault for finding in found):
+        found += check_cameras(replace(sample, world_from_ego=_best_poses(workspace, segment)), config.camera)
+    return CheckReport(segment, tuple(found), card)
+
+
+def _best_poses(workspace: Workspace, segment: str) -> Array | None:
+    """Return the poses of a drive, or those that `odometry` made of it; None where there are neither."""
+    drive = workspace.drive(segment)
+    path = workspace.shard("odometry", segment)
+    if drive.world_from_ego is not None or not path.is_file():
+        return drive.world_from_ego
+    table = Table(path, OdometryRow)
+    is_same = table.frames == tuple(frame.index for frame in drive.frames)
+    return np.array([row.world_from_ego for row in table]) if is_same else None
 
 
 def _findings(parts: Sequence[Part], sample: DriveSample, config: CheckConfig) -> Iterator[Finding]:

@@ -4,36 +4,37 @@ Where the sweep jumps from a near surface to one far behind it, the picture most
 calibration is right where these outlines lie on edges of the picture (Levinson and Thrun, "Automatic Online
 Calibration of Cameras and Lasers", RSS 2013). Beyond the paper: outlines to the left and right are compared with
 gradients across the columns of the picture only, and those above with gradients across its rows; the offset is
-found by gradient ascent, from blurred edges to sharp ones; and its uncertainty comes from how much parts of the
-pictures disagree, and from how far the outlines of one side may be displaced together.
+found by gradient ascent, from blurred edges to sharp ones; its uncertainty comes from how much parts of the
+pictures disagree, and from how far the outlines of one side may be displaced together; and where the car moves,
+the time of the pictures is estimated with the calibration.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy import ndimage
-from scipy.optimize import lsq_linear, minimize
-from scipy.spatial.transform import Rotation
+from scipy.optimize import lsq_linear
 
-from upvl_cli.geometry.lens import distort
+from upvl_cli.geometry.se3 import inverse
 from upvl_cli.perception.visual.config import CameraCheckConfig
-from upvl_cli.perception.visual.outlines import LEFT, RIGHT, TOP, Outlines, detect_outlines
-from upvl_cli.types import Array, Bools, Camera, Floats, concat
+from upvl_cli.perception.visual.edge_agreement import (
+    PARAMETERS,
+    UNITS,
+    EdgeAgreement,
+    downsample,
+    downsample_camera,
+    edge_strength,
+    mean_pool,
+)
+from upvl_cli.perception.visual.outlines import Outlines, detect_outlines
+from upvl_cli.types import Array, Camera, Floats, Ints, concat
 
-# Scale of the six parameters in the search: either moves an outline 6 m away by about as much.
-_UNIT_DEG, _UNIT_M = 0.2, 0.02
-_UNITS = np.array([np.deg2rad(_UNIT_DEG)] * 3 + [_UNIT_M] * 3)
-_MIN_SIGMA = 0.05  # of _UNITS, 0.01 degrees and 1 mm: no drive constrains an offset better
-_MIN_CURVATURE = 1e-4  # of the mean edge strength: where it is flat or turned up, the direction is unobserved
-_MIN_DEPTH_M = 0.1
-_CURVATURE_STEP = 0.25  # of _UNITS, for finite differences
-# Edge strengths: a Sobel-like Gaussian derivative, relative to the mean gradient around it.
-_GRADIENT_BLUR_PX, _MIN_WINDOW_PX, _WINDOWS_PER_WIDTH, _MAX_STRENGTH = 1.0, 31, 12, 4.0
-_BLUR_GAIN = 2.5  # about sqrt(2 pi): a blurred ridge of one pixel keeps its height
+_MIN_SIGMA = 0.05  # of UNITS, 0.01 degrees and 1 mm: no drive constrains an offset better
+_SHARP_PX = 1.5  # blurred edges of this width lose nothing by pixels of size 1
+_SCENE_WIDTH_PX = 80  # width of a picture that shows whether the scene is the same
+_STILL_MPS, _STILL_RADPS = 0.5, 0.02  # of a slower car a delay of 50 ms moves nothing by a centimetre
 
 
 @dataclass(frozen=True)
@@ -43,26 +44,48 @@ class ImageSweepPair:
     Attributes:
         rgb: (height, width, 3) uint8.
         xyz_ego_m: (n, 3) points in ego axes at the time of the picture.
+        turn_radps: (3,) angular velocity of the car in ego axes.
+        velocity_mps: (3,) velocity of the car in ego axes.
     """
 
     rgb: Array
     xyz_ego_m: Array
+    turn_radps: Array = field(default_factory=lambda: np.zeros(3))
+    velocity_mps: Array = field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether the car moves, so that the time of the picture matters."""
+        speed_mps, turn_radps = np.linalg.norm(self.velocity_mps), np.linalg.norm(self.turn_radps)
+        return bool(speed_mps > _STILL_MPS or turn_radps > _STILL_RADPS)
 
 
 @dataclass(frozen=True)
 class CalibrationOffset:
-    """Error of a calibration: ego_from_camera is the true one times this motion.
+    """Error of a calibration: ego_from_camera is the true one times this motion, and pictures are this late.
 
     Attributes:
-        vector: (6,) rotation vector (rad) and translation (m) in the axes of the camera.
-        covariance: (6, 6) of it.
+        vector: (7,) rotation vector (rad) and translation (m) in the axes of the camera, and delay (s): how much
+            later than they say the pictures were taken.
+        covariance: (7, 7) of it.
+        gain_sigmas: Standard deviations by which the pictures agree better with this offset than with the most likely
+            tolerable one.
+        fault_gains: (7,) the same against this offset with a typical fault along each axis beside it.
+        chance_sigmas: Standard deviations by which the outlines lie better on edges than they would by chance.
+        scenes: Number of different scenes that the pictures show.
         outlines: Number of outline points that it rests on.
+        has_delay: Whether the delay was estimated: the car moves, and its motion is known.
         config: Tolerances.
     """
 
     vector: Floats
     covariance: Floats
+    gain_sigmas: float
+    fault_gains: Floats
+    chance_sigmas: float
+    scenes: int
     outlines: int
+    has_delay: bool
     config: CameraCheckConfig
 
     @property
@@ -73,34 +96,79 @@ class CalibrationOffset:
     @property
     def translation_m(self) -> Floats:
         """(3,) translation in the axes of the camera."""
-        return self.vector[3:]
+        return self.vector[3:6]
+
+    @property
+    def delay_s(self) -> float:
+        """How much later than they say the pictures were taken."""
+        return float(self.vector[6])
 
     @property
     def sigma(self) -> Floats:
-        """(6,) standard deviations."""
+        """(7,) standard deviations."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     @property
     def is_fault(self) -> bool:
-        """Whether no calibration within the tolerance explains what was seen."""
-        return self._sigmas_beyond_tolerance(self.vector) > self.config.fault_sigmas
+        """Whether no calibration and time within the tolerances explain what was seen."""
+        return self.is_doubtful and self.gain_sigmas > self.config.gain_sigmas
 
-    def would_detect(self, vector: Array) -> bool:
-        """Return whether a calibration with the (6,) error `vector` would be reported most likely."""
-        sigmas = self._sigmas_beyond_tolerance(vector)
-        return sigmas > self.config.fault_sigmas + self.config.detection_sigmas
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether the best offset is beyond the tolerances, however unclear it is that pictures agree better."""
+        return self._sigmas_beyond(self.vector, tolerances(self.config)) > self.config.fault_sigmas
 
-    def _sigmas_beyond_tolerance(self, vector: Array) -> float:
-        """Return the Mahalanobis distance from an error to the nearest tolerable one."""
-        tolerance = tolerances(self.config)
-        whiten = np.linalg.inv(np.linalg.cholesky(self.covariance))
-        nearest = lsq_linear(whiten, whiten @ vector, (-tolerance, tolerance))
-        return float(np.sqrt(2 * nearest.cost))
+    @property
+    def explained_by_delay(self) -> bool:
+        """Whether a late or early picture explains what was seen, with a calibration within the tolerance."""
+        return self.has_delay and self._explained_by(np.arange(PARAMETERS) == 6)
+
+    @property
+    def explained_by_mounting(self) -> bool:
+        """Whether another mounting explains what was seen, with a delay within the tolerance."""
+        return self._explained_by(np.arange(PARAMETERS) < 6)
+
+    def would_detect(self, axis: int) -> bool:
+        """Return whether a typical fault along an axis would be reported most likely.
+
+        Args:
+            axis: 0 to 2 for a rotation, 3 to 5 for a translation, 6 for a delay.
+        """
+        if axis == 6 and not self.has_delay:
+            return False
+        fault = typical_faults(self.config)[axis] * (np.arange(PARAMETERS) == axis)
+        sigmas = self._sigmas_beyond(fault, tolerances(self.config))
+        spare = self.config.detection_sigmas
+        return bool(
+            sigmas > self.config.fault_sigmas + spare
+            and self.fault_gains[axis] > self.config.gain_sigmas + spare
+        )
+
+    def _explained_by(self, free: Array) -> bool:
+        bounds = np.where(free, np.inf, tolerances(self.config))
+        return self._sigmas_beyond(self.vector, bounds) <= self.config.fault_sigmas
+
+    def _sigmas_beyond(self, vector: Array, bounds: Array) -> float:
+        """Return the Mahalanobis distance from an error to the nearest one within bounds."""
+        return _nearest(vector / UNITS, self.covariance / np.outer(UNITS, UNITS), bounds / UNITS)[0]
+
+
+def _nearest(state: Floats, covariance: Floats, limits: Floats) -> tuple[float, Floats]:
+    """Return the Mahalanobis distance from an offset to the nearest one within limits, and that one."""
+    whiten = np.linalg.inv(np.linalg.cholesky(covariance))
+    nearest = lsq_linear(whiten, whiten @ state, (-limits, limits))
+    return float(np.sqrt(2 * nearest.cost)), np.asarray(nearest.x)
 
 
 def tolerances(config: CameraCheckConfig) -> Floats:
-    """Return (6,) largest rotation (rad) and translation (m) along each axis that is no fault."""
-    return np.array([np.deg2rad(config.tolerance_deg)] * 3 + [config.tolerance_m] * 3)
+    """Return (7,) largest rotation (rad), translation (m) and delay (s) along each axis that is no fault."""
+    rotation_rad = np.deg2rad(config.tolerance_deg)
+    return np.array([rotation_rad] * 3 + [config.tolerance_m] * 3 + [config.tolerance_delay_s])
+
+
+def typical_faults(config: CameraCheckConfig) -> Floats:
+    """Return (7,) rotation (rad), translation (m) and delay (s) that the check should find."""
+    return np.array([np.deg2rad(config.fault_deg)] * 3 + [config.fault_m] * 3 + [config.fault_delay_s])
 
 
 def estimate_offset(
@@ -113,202 +181,82 @@ def estimate_offset(
         pairs: What it saw, in order of time; ten or more constrain 1 degree and 5 cm.
         config: Settings of the estimate.
     """
-    if not pairs:
-        return None
-    parts = [
-        detect_outlines(camera, pair.xyz_ego_m, number, config.outline) for number, pair in enumerate(pairs)
-    ]
-    outlines = concat(parts, Outlines)
+    outlines = concat([_outlines(camera, pair, view, config) for view, pair in enumerate(pairs)], Outlines)
     if len(outlines) < config.min_outlines:
         return None
+    outlines = outlines[:: -(-len(outlines) // config.max_outlines)]
     factor = max(1, round(camera.intrinsic[0, 0] / config.max_focal_px))
     strengths = np.stack([edge_strength(downsample(pair.rgb, factor), config.edge_noise) for pair in pairs])
     small = downsample_camera(camera, factor)
-    state: Floats = np.zeros(6)
-    rounds = [
-        *((blur, 3) for blur in config.rotation_blur_deg),
-        *((blur, 6) for blur in config.pose_blur_deg),
-    ]
+    scene = scene_numbers([pair.rgb for pair in pairs], config.scene_change)
+    has_delay = any(pair.is_moving for pair in pairs)
+    state: Floats = np.zeros(PARAMETERS)
+    rounds = [(blur, 3) for blur in config.rotation_blur_deg]
+    rounds += [(blur, 6) for blur in config.pose_blur_deg]
     for blur_deg, free in rounds:
         blur_px = max(1.0, np.deg2rad(blur_deg) * small.intrinsic[0, 0])
-        agreement = EdgeAgreement(small, outlines, strengths, blur_px, config)
+        pool = max(1, int(blur_px / _SHARP_PX))
+        pooled, sharp_px = pool * mean_pool(strengths, pool), blur_px / pool
+        agreement = EdgeAgreement(
+            downsample_camera(small, pool), outlines, pooled, sharp_px, scene=scene, config=config
+        )
         state = agreement.maximize(state, free)
-    covariance = agreement.covariance(state) + _MIN_SIGMA**2 * np.eye(6)
-    return CalibrationOffset(state * _UNITS, covariance * np.outer(_UNITS, _UNITS), len(outlines), config)
+    if has_delay:
+        state = _with_delay(agreement, state, config)
+    covariance = agreement.covariance(state) + _MIN_SIGMA**2 * np.eye(PARAMETERS)
+    limits = tolerances(config) / UNITS
+    _, tolerable = _nearest(state, covariance, limits)
+    aside = state + np.diag(typical_faults(config) / UNITS)
+    return CalibrationOffset(
+        vector=state * UNITS,
+        covariance=covariance * np.outer(UNITS, UNITS),
+        gain_sigmas=agreement.gain_sigmas(state, tolerable),
+        fault_gains=np.array([agreement.gain_sigmas(state, other) for other in aside]),
+        chance_sigmas=agreement.chance_sigmas(state),
+        scenes=int(scene.max()) + 1,
+        outlines=len(outlines),
+        has_delay=has_delay,
+        config=config,
+    )
 
 
-def downsample(rgb: Array, factor: int) -> Floats:
-    """Return the grey picture, (height, width), as means over squares of `factor` x `factor` pixels."""
-    grey = rgb.astype(np.float32).mean(axis=2)
-    height, width = (length // factor for length in grey.shape)
-    cells = grey[: height * factor, : width * factor].reshape(height, factor, width, factor)
-    return np.asarray(cells.mean(axis=(1, 3)))
-
-
-def downsample_camera(camera: Camera, factor: int) -> Camera:
-    """Return the camera of the picture that `downsample` gives."""
-    intrinsic = camera.intrinsic.copy()
-    intrinsic[:2, 2] -= (factor - 1) / 2  # (0, 0) is the center of the first pixel
-    intrinsic[:2] /= factor
-    width_px, height_px = camera.width_px // factor, camera.height_px // factor
-    return replace(camera, intrinsic=intrinsic, width_px=width_px, height_px=height_px)
-
-
-def edge_strength(grey: Floats, noise: float) -> Floats:
-    """Return (2, height, width) edge strength of each pixel: across the columns, and across the rows.
-
-    Only ridges of the gradient count, relative to the mean gradient around them: a wall of leaves is no stronger
-    than the edge of a roof.
+def _with_delay(agreement: EdgeAgreement, state: Floats, config: CameraCheckConfig) -> Floats:
+    """Return the offset and the delay of best agreement, from the best of several delays on.
 
     Args:
-        grey: (height, width) picture, 0 to 255.
-        noise: Gradient of a plain surface by noise.
+        agreement: With sharp edges: blurred ones hardly tell a delay from a turn.
+        state: (7,) best offset without a delay, in `UNITS`.
+        config: Delays to start from.
     """
-    around_px = max(_MIN_WINDOW_PX, grey.shape[1] // _WINDOWS_PER_WIDTH)
-    strengths = []
-    for axis, order in ((1, (0, 1)), (0, (1, 0))):
-        gradient = np.abs(ndimage.gaussian_filter(grey, _GRADIENT_BLUR_PX, order=order))
-        ridge = gradient >= ndimage.maximum_filter1d(gradient, 3, axis=axis)
-        mean = ndimage.uniform_filter(gradient, around_px) + noise
-        strengths.append(np.minimum(np.where(ridge, gradient / mean, 0), _MAX_STRENGTH))
-    return np.stack(strengths).astype(np.float32)
+    steps = np.arange(-config.max_delay_s, config.max_delay_s, config.delay_step_s) + config.delay_step_s
+    delays = np.outer(steps / UNITS[6], np.arange(PARAMETERS) == 6)
+    start = min([*delays, *(state + delays)], key=lambda other: agreement.loss(other)[0])
+    fits = [agreement.maximize(other, PARAMETERS) for other in (state, start)]
+    return min(fits, key=lambda other: agreement.loss(other)[0])
 
 
-class EdgeAgreement:
-    """Mean edge strength of the pictures at outlines of the sweeps, as a smooth function of the offset."""
+def _outlines(camera: Camera, pair: ImageSweepPair, view: int, config: CameraCheckConfig) -> Outlines:
+    """Return the outlines of a sweep with their motion while the car moves."""
+    found = detect_outlines(camera, pair.xyz_ego_m, view, config.outline)
+    rotation = camera.ego_from_camera[:3, :3]
+    xyz_ego_m = found.xyz_m @ rotation.T + camera.ego_from_camera[:3, 3]
+    motion_mps = -pair.velocity_mps - np.cross(pair.turn_radps, xyz_ego_m)
+    return replace(found, motion_mps=motion_mps @ rotation)
 
-    def __init__(
-        self, camera: Camera, outlines: Outlines, strengths: Floats, blur_px: float, config: CameraCheckConfig
-    ) -> None:
-        """Blur the edges.
 
-        Args:
-            camera: Camera of the pictures.
-            outlines: Outline points of all sweeps.
-            strengths: (views, 2, height, width) from `edge_strength`.
-            blur_px: Standard deviation of the blur: how far from an edge an outline is attracted by it.
-            config: Prior, and parts that err independently.
-        """
-        self.camera, self.outlines, self.config = camera, outlines, config
-        blur = (0, 0, blur_px, blur_px)
-        self.strengths = _BLUR_GAIN * blur_px * ndimage.gaussian_filter(strengths, blur, truncate=3.0)
-        self._prior = np.array([config.prior_deg / _UNIT_DEG] * 3 + [config.prior_m / _UNIT_M] * 3)
+def scene_numbers(pictures: Sequence[Array], change: float) -> Ints:
+    """Return (views,) numbers of the scenes of pictures in order of time: a new one where most of it has changed.
 
-    def loss(self, state: Floats) -> tuple[float, Floats]:
-        """Return minus the mean agreement with a Gaussian prior, and its (6,) gradient.
-
-        Args:
-            state: (6,) offset in `_UNITS`.
-        """
-        value, gradient = self.evaluate(state)
-        prior = self.config.prior_weight * state / self._prior**2
-        return float(-value.mean() + prior @ state / 2), -gradient.mean(axis=0) + prior
-
-    def maximize(self, state: Floats, free: int) -> Floats:
-        """Return the offset of best agreement near `state`, where only the first `free` parameters change."""
-        bounds = [(None, None)] * free + [(value, value) for value in state[free:]]
-        return np.asarray(minimize(self.loss, state, jac=True, method="L-BFGS-B", bounds=bounds).x)
-
-    def evaluate(self, state: Floats, shift_px: Array | float = 0.0) -> tuple[Floats, Floats]:
-        """Return (n,) agreement of each outline and its (n, 6) gradient, with pixels shifted by (n, 2)."""
-        uv_px, jacobian = self._project(state)
-        value, slope = self._interpolate(uv_px + shift_px)
-        return value, np.einsum("nk,nkj->nj", slope, jacobian)
-
-    def covariance(self, state: Floats) -> Floats:
-        """Return the (6, 6) covariance of the best offset.
-
-        A sandwich estimator (White, "A heteroskedasticity-consistent covariance matrix", Econometrica 1980): the
-        inverse curvature around the outer products of gradients, summed over parts that err independently.
-        """
-        gradients = self.evaluate(state)[1] / len(self.outlines)
-        sums = self._sum_by_part(gradients)
-        spread = sums.T @ sums
-        for group, shift_px in self._systematic_shifts():
-            difference = self.evaluate(state, -shift_px)[1] - self.evaluate(state, shift_px)[1]
-            pull = difference[group].sum(axis=0) / (2 * len(self.outlines))
-            spread += np.outer(pull, pull)
-        values, axes = np.linalg.eigh(self._curvature(state))
-        inverse_curvature = axes / np.maximum(values, _MIN_CURVATURE) @ axes.T
-        return np.asarray(inverse_curvature @ spread @ inverse_curvature)
-
-    def _curvature(self, state: Floats) -> Floats:
-        """Return minus the (6, 6) Hessian of the mean agreement, by central differences of its gradient."""
-        step = _CURVATURE_STEP
-        rows = [
-            (self.evaluate(state - move)[1] - self.evaluate(state + move)[1]).mean(axis=0) / (2 * step)
-            for move in step * np.eye(6)
-        ]
-        return np.asarray(np.array(rows) + np.array(rows).T) / 2
-
-    @cached_property
-    def _column_share(self) -> Floats:
-        """(n,) column of each outline over the width of the picture, 0 to 1."""
-        uv_px, _ = self._project(np.zeros(6))
-        return np.asarray(np.clip(uv_px[:, 0] / self.camera.width_px, 0, 1 - 1e-9))
-
-    def _sum_by_part(self, gradients: Floats) -> Floats:
-        """Return (parts, 6) sums over strips of the picture and spans of time."""
-        strips, spans = self.config.strips, self.config.spans
-        span = self.outlines.view * spans // (self.outlines.view.max() + 1)
-        part = (self._column_share * strips).astype(int) + strips * span
-        sums = np.zeros((strips * spans, 6))
-        np.add.at(sums, part, gradients)
-        return sums
-
-    def _systematic_shifts(self) -> list[tuple[Bools, Floats]]:
-        """Return groups of outlines by side, depth and half of the picture, and their common shift in pixels.
-
-        The sampling of the LiDAR displaces all outlines of one side alike.
-        """
-        depth_m = self.outlines.xyz_m[:, 2]
-        near = depth_m < np.median(depth_m)
-        left = self._column_share < 0.5
-        shifts: list[tuple[Bools, Floats]] = []
-        for side in (LEFT, RIGHT, TOP):
-            offset_deg = self.config.row_offset_deg if side == TOP else self.config.column_offset_deg
-            offset_px = np.deg2rad(offset_deg) * self.camera.intrinsic[0, 0]
-            shift_px = np.zeros(2)
-            shift_px[int(side == TOP)] = max(offset_px, self.config.min_offset_px)
-            for depth in (near, ~near):
-                for half in (left, ~left):
-                    group = np.asarray((self.outlines.side == side) & depth & half)
-                    shifts.append((group, shift_px))
-        return shifts
-
-    def _project(self, state: Floats) -> tuple[Floats, Floats]:
-        """Return (n, 2) pixels of the outlines and their (n, 2, 6) Jacobian, with the calibration off by `state`."""
-        offset = state * _UNITS
-        rotated = self.outlines.xyz_m @ Rotation.from_rotvec(offset[:3]).as_matrix().T
-        xyz_m = rotated + offset[3:]
-        depth_m = np.maximum(xyz_m[:, 2], _MIN_DEPTH_M)
-        plane = xyz_m[:, :2] / depth_m[:, None]
-        focal_px, center_px = self.camera.intrinsic[:2, :2], self.camera.intrinsic[:2, 2]
-        uv_px = distort(self.camera, plane) @ focal_px.T + center_px
-        moves = np.zeros((len(xyz_m), 3, 6))
-        x, y, z = rotated.T
-        moves[:, 0, 1], moves[:, 0, 2] = z, -y
-        moves[:, 1, 0], moves[:, 1, 2] = -z, x
-        moves[:, 2, 0], moves[:, 2, 1] = y, -x
-        moves[:, [0, 1, 2], [3, 4, 5]] = 1
-        jacobian = (moves[:, :2] - plane[:, :, None] * moves[:, 2:]) / depth_m[:, None, None]
-        # Without the distortion of the lens: its effect on the slope is small.
-        return uv_px, jacobian * np.diag(focal_px)[:, None] * _UNITS
-
-    def _interpolate(self, uv_px: Floats) -> tuple[Floats, Floats]:
-        """Return (n,) bilinear edge strengths at pixels and their (n, 2) gradients; 0 outside of the picture."""
-        height, width = self.strengths.shape[-2:]
-        u, v = np.clip(uv_px, 0, [width - 1.001, height - 1.001]).T
-        inside = np.asarray(((uv_px >= 0) & (uv_px <= [width - 1, height - 1])).all(axis=1))
-        column, row = u.astype(int), v.astype(int)
-        right, down = u - column, v - row
-        across = np.where(self.outlines.side == TOP, 1, 0)
-        flat, first = (
-            self.strengths.reshape(-1),
-            ((self.outlines.view * 2 + across) * height + row) * width + column,
-        )
-        a, b, c, d = (flat.take(first + step) for step in (0, 1, width, width + 1))
-        value = (a * (1 - right) + b * right) * (1 - down) + (c * (1 - right) + d * right) * down
-        slope_u = (b - a) * (1 - down) + (d - c) * down
-        slope_v = (c - a) * (1 - right) + (d - b) * right
-        return value * inside, np.stack([slope_u, slope_v], axis=1) * inside[:, None]
+    Args:
+        pictures: (height, width, 3) uint8 each.
+        change: Median change of grey, of 255, from which on a scene is another one.
+    """
+    scene = np.zeros(len(pictures), dtype=np.int64)
+    first: Floats | None = None
+    for view, rgb in enumerate(pictures):
+        grey = downsample(rgb, max(1, rgb.shape[1] // _SCENE_WIDTH_PX))
+        grey = grey - grey.mean()
+        changed = first is not None and np.median(np.abs(grey - first)) > change
+        scene[view] = (scene[view - 1] if view else 0) + int(changed)
+        first = grey if first is None or changed else first
+    return scene

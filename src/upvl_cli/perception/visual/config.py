@@ -70,6 +70,21 @@ class CameraCheckConfig(Config):
 
     tolerance_deg: float = setting("a rotation of the camera up to this is no fault", "degrees", ge=0, le=90)
     tolerance_m: float = setting("a translation of the camera up to this is no fault", "m", ge=0, le=10)
+    tolerance_delay_s: float = setting("a delay of the pictures up to this is no fault", "s", ge=0, le=10)
+    fault_deg: float = setting(
+        "rotation error of a camera for which the check says whether it would find it", "degrees", gt=0, le=90
+    )
+    fault_m: float = setting(
+        "translation error of a camera for which the check says whether it would find it", "m", gt=0, le=10
+    )
+    fault_delay_s: float = setting(
+        "delay of the pictures for which the check says whether it would find it", "s", gt=0, le=10
+    )
+    gain_sigmas: float = setting(
+        "standard deviations by which pictures agree better with a fault than with the nearest tolerable offset",
+        ge=0,
+        le=100,
+    )
     fault_sigmas: float = setting(
         "standard deviations between an offset and the tolerance from which it is a fault", ge=0, le=100
     )
@@ -93,10 +108,17 @@ class CameraCheckConfig(Config):
     )
     prior_deg: float = setting("standard deviation of the prior on each rotation", "degrees", gt=0, le=90)
     prior_m: float = setting("standard deviation of the prior on each translation", "m", gt=0, le=10)
+    prior_delay_s: float = setting("standard deviation of the prior on the delay", "s", gt=0, le=10)
+    max_delay_s: float = setting("delays of the pictures up to this are looked for", "s", gt=0, le=10)
+    delay_step_s: float = setting("step between the delays that are tried", "s", gt=0, le=10)
     prior_weight: float = setting("weight of the prior beside the mean edge strength", ge=0, le=1000)
     min_outlines: int = setting("fewest outline points from which an offset is estimated", ge=1, le=10**6)
+    max_outlines: int = setting("outline points that are used, at most", ge=100, le=10**6)
     strips: int = setting("upright strips of the picture whose errors are independent", ge=1, le=1000)
-    spans: int = setting("spans of time whose errors are independent", ge=1, le=1000)
+    spans: int = setting("spans of time whose errors are independent, at most", ge=1, le=1000)
+    scene_change: float = setting(
+        "median change of grey, of 255, from which a picture shows another scene", gt=0, le=255
+    )
     column_offset_deg: float = setting(
         "how far all left or right outlines may lie off together: half a LiDAR column", "degrees", ge=0, le=20
     )
@@ -106,3 +128,22 @@ class CameraCheckConfig(Config):
     min_offset_px: float = setting("least common displacement of outlines", "px", ge=0, le=1000)
     edge_noise: float = setting("gradient of a plain surface by noise, of 255 a pixel", gt=0, le=255)
     outline: OutlineConfig = table("Outlines of near surfaces in a sweep.")
+
+
+@dataclass(frozen=True)
+class CameraAxesConfig(Config):
+    """Which way a camera looks, roughly."""
+
+    column_deg: float = setting("width of a cell of the range image", "degrees", gt=0, le=10)
+    row_deg: float = setting("height of a cell of the range image", "degrees", gt=0, le=10)
+    min_range_gap_m: float = setting("a far surface is farther by at least this range", "m", ge=0, le=100)
+    min_range_gap_share: float = setting("a far surface is farther by at least this share", ge=0, le=1)
+    same_surface_m: float = setting(
+        "cells of one surface differ in range by less than this", "m", ge=0, le=100
+    )
+    focal_px: float = setting("pictures are reduced to about this focal length", "px", ge=10, le=1e5)
+    blur_deg: float = setting("blur of the edges", "degrees", gt=0, le=20)
+    search_deg: float = setting("a hypothesis may be off by about this", "degrees", ge=0, le=20)
+    min_outlines: int = setting("fewest outlines in view", ge=1, le=10**6)
+    max_outlines: int = setting("most outlines that are used", ge=1, le=10**6)
+    pictures: int = setting("pictures of a camera that are looked at", ge=1, le=1000)

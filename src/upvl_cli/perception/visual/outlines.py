@@ -34,11 +34,13 @@ class Outlines(ParallelArrays):
         xyz_m: (n, 3) in the axes of the camera.
         side: (n,) where the far surface is: 0 left, 1 right, 2 above.
         view: (n,) number of the picture.
+        motion_mps: (n, 3) velocity of the point in the axes of the camera, if it stands and the car moves.
     """
 
     xyz_m: Array = array("float64", 3)
     side: Array = array("int64")
     view: Array = array("int64")
+    motion_mps: Array = array("float64", 3)
 
 
 def detect_outlines(camera: Camera, xyz_ego_m: Array, view: int, config: OutlineConfig) -> Outlines:
@@ -80,7 +82,8 @@ def detect_outlines(camera: Camera, xyz_ego_m: Array, view: int, config: Outline
         moved = xyz_m[is_end]
         shift_px = sign * spacing_px[axis] * outward[is_end]
         moved[:, axis] += shift_px * moved[:, 2] / camera.intrinsic[axis, axis]
-        parts.append(Outlines(moved, np.full(len(moved), side), np.full(len(moved), view)))
+        number = len(moved)
+        parts.append(Outlines(moved, np.full(number, side), np.full(number, view), np.zeros((number, 3))))
     return concat(parts, Outlines)
 
 
