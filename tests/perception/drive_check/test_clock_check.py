@@ -64,5 +64,5 @@ def test_a_single_lost_sweep_of_a_long_drive_is_no_warning() -> None:
 
 
 def test_times_of_arrival_are_seen_by_their_jitter() -> None:
-    jittered = np.sort(TIMES + np.random.default_rng(0).normal(0, 16e6, 40))
+    jittered = np.sort(TIMES + np.random.default_rng(0).normal(0, 20e6, 40))
     assert "times of arrival" in findings(jittered)[0].cause

@@ -27,8 +27,9 @@ def found(sample: DriveSample) -> list[tuple[str, str]]:
 
 
 def only(change: Callable[[Points, int], Points]) -> tuple[str, str, str]:
-    """Return level, cause and remedy of the one finding that is not ok."""
-    (finding,) = [each for each in check_points(drive_sample(change=change), CONFIG.points) if each.level != "ok"]
+    """Return level, cause and remedy of the one finding that is not ok; of the fault where there is one."""
+    wrong = [each for each in check_points(drive_sample(change=change), CONFIG.points) if each.level != "ok"]
+    (finding,) = [each for each in wrong if each.is_fault and "type" in each.cause] or wrong
     return finding.level, finding.cause, finding.remedy
 
 

@@ -11,7 +11,7 @@ from upvl_cli.perception.sensor.config import SensorConfig
 from upvl_cli.types import Array, Floats
 
 _ROAD_M = 0.3  # points this far above the road are no road
-_SAME = 0.7  # of the cells around a car that drives hold points later, at most; around one that stands 0.9
+_SAME = 0.8  # of the cells around a car that drives hold points later, at most; around one that stands 0.9
 _SCENE_M, _SCENE_CELL_M = (6.0, 25.0), 1.0  # of the cells by which a car is seen to drive
 _SCENE_ABOVE_M = 0.8  # slopes and kerbs look the same everywhere
 _MIN_SWEEPS = 4

@@ -99,7 +99,7 @@ def _differences(name: str, cards: Mapping[str, SensorCard]) -> Iterator[str]:
     highest = [other.intensity.highest for other in lidars]
     usual = float(np.median(highest))
     if usual > 0 and lidar.intensity.highest > _SCALE_RATIO * usual:
-        yield f"{name}: intensities reach {lidar.intensity.highest:g}, those of other drives {usual:g}"
+        yield f"{name}: intensities reach {lidar.intensity.highest:.3g}, those of other drives {usual:.3g}"
     elif lidar.intensity.highest == 0 < min(highest):
         yield f"{name}: has no intensities, other drives have some"
     counts = {len(other.beams_deg) for other in lidars if other.beams_deg}
@@ -107,5 +107,8 @@ def _differences(name: str, cards: Mapping[str, SensorCard]) -> Iterator[str]:
         yield f"{name}: {len(lidar.beams_deg)} beams, other drives have {counts.pop()}"
     rates = [card.rate_hz for card in others if card.rate_hz is not None]
     rate = cards[name].rate_hz
-    if rate is not None and rates and abs(rate / float(np.median(rates)) - 1) > _OTHER_SHARE:
-        yield f"{name}: {rate:.1f} sweeps a second, other drives have {np.median(rates):.1f}"
+    if rate is None or not rates:
+        return
+    usual_hz = float(np.quantile(rates, 0.5, method="higher"))
+    if abs(rate / usual_hz - 1) > _OTHER_SHARE:
+        yield f"{name}: {rate:.1f} sweeps a second, other drives have {usual_hz:.1f}"
