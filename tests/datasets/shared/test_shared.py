@@ -20,10 +20,10 @@ from upvl_cli.datasets.shared.numbers import numbers
 from upvl_cli.datasets.shared.paths import check_segment_name, inside, unknown_segment
 from upvl_cli.datasets.shared.pictures import picture_size, read_picture
 from upvl_cli.datasets.shared.poses import check_pose, quaternion_rotation
-from upvl_cli.geometry.road_height import road_height_m
 from upvl_cli.datasets.shared.times import check_frames
 from upvl_cli.errors import BadInput
 from upvl_cli.geometry.path import pose_at
+from upvl_cli.geometry.road_height import road_height_m
 from upvl_cli.geometry.se3 import apply, from_yaw, inverse
 from upvl_cli.types import Frame
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from ray_street import CONFIG, STEP_NS, drive_sample, with_times
-
 from upvl_cli.perception.drive_check.clock_check import check_clock
 from upvl_cli.perception.drive_check.finding import Finding
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from ray_street import CONFIG, drive_sample
-
 from upvl_cli.perception.drive_check.points_check import (
     check_own_car,
     check_points,
@@ -96,7 +95,12 @@ def _noise(points: Points, step: int) -> Points:
             "one number",
             "",
         ),
-        (lambda points, step: points[: len(points) // (1 + step % 2)], "warning", "lost packets", "whole turns"),
+        (
+            lambda points, step: points[: len(points) // (1 + step % 2)],
+            "warning",
+            "lost packets",
+            "whole turns",
+        ),
         (lambda points, step: points[: len(points) * (step != 0)], "warning", "lost sweeps", ""),
     ],
 )
@@ -108,7 +112,9 @@ def test_each_fault_is_named(
 
 
 def test_no_point_at_all_is_a_fault() -> None:
-    assert found(drive_sample(change=lambda points, step: points[:0])) == [("fault", "none in any of 8 sweeps")]
+    assert found(drive_sample(change=lambda points, step: points[:0])) == [
+        ("fault", "none in any of 8 sweeps")
+    ]
 
 
 def test_a_repeated_sweep_is_a_fault() -> None:

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from ray_street import CONFIG, STEP_NS, Lidar, drive_sample
-
 from upvl_cli.geometry.se3 import from_yaw
 from upvl_cli.perception.sensor.beams import beams_by_histogram, beams_by_order
 from upvl_cli.perception.sensor.coverage import hidden_sectors
@@ -174,7 +173,9 @@ def test_the_card_is_plain_json_and_lines() -> None:
 
 def test_what_few_beams_and_rare_sweeps_cannot_give() -> None:
     coarse = Lidar(beams_deg=tuple(np.linspace(-15, 15, 16)), columns=1800)
-    few, many = (measure_sensor(drive_sample([lidar]), SENSOR) for lidar in (coarse, Lidar(beams_deg=VELODYNE_64)))
+    few, many = (
+        measure_sensor(drive_sample([lidar]), SENSOR) for lidar in (coarse, Lidar(beams_deg=VELODYNE_64))
+    )
     reach_few, reach_many = person_reach_m(few, SENSOR), person_reach_m(many, SENSOR)
     assert reach_few is not None and reach_many is not None and 10 < reach_few < reach_many
     (sentence,) = limits(few, SENSOR)
@@ -192,7 +193,9 @@ def test_drives_of_other_scales_and_beams_are_named() -> None:
     thin = replace(usual, lidars=(replace(lidar, beams_deg=lidar.beams_deg[::2]),), rate_hz=2.0)
     assert differences({"a": usual, "b": usual}) == ()
     assert differences({"a": usual}) == ()
-    assert differences({"a": usual, "b": loud, "c": usual}) == ("b: intensities reach 255, those of other drives 0.99",)
+    assert differences({"a": usual, "b": loud, "c": usual}) == (
+        "b: intensities reach 255, those of other drives 0.99",
+    )
     assert len(differences({"a": usual, "b": thin, "c": usual})) == 2
 
 
@@ -223,4 +226,4 @@ def test_a_camera_is_described() -> None:
     assert found.direction_deg == pytest.approx(90) and found.field_of_view_deg == pytest.approx(90, abs=0.1)
     assert found.delay_s == pytest.approx(0.02) and 0.1 < found.points_share < 0.4
     assert "+20 ms after its sweep" in found.line
-    assert STEP_NS == sample.frames[1].time_ns
+    assert sample.frames[1].time_ns == STEP_NS

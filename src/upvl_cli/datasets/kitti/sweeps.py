@@ -12,8 +12,8 @@ from upvl_cli.datasets.shared.content import read_bytes
 from upvl_cli.datasets.shared.point_files.bin import RowLayout, read_bin, recognise_rows
 from upvl_cli.datasets.shared.point_files.read import parse_points
 from upvl_cli.datasets.shared.point_files.scan import MOST_M
-from upvl_cli.geometry.road_height import road_height_m
 from upvl_cli.errors import BadInput
+from upvl_cli.geometry.road_height import road_height_m
 from upvl_cli.types import Array
 
 _ROWS = RowLayout("<f4", 4)  # x, y, z, reflectance

@@ -19,9 +19,9 @@ from upvl_cli.datasets.nuscenes.records import Channel, SensorFile, lidar_of, re
 from upvl_cli.datasets.shared.lookup import camera_of_name, of_frame
 from upvl_cli.datasets.shared.pictures import read_picture
 from upvl_cli.datasets.shared.point_files.read import read_points
-from upvl_cli.geometry.road_height import road_height_m
 from upvl_cli.datasets.shared.times import check_frames
 from upvl_cli.errors import BadInput
+from upvl_cli.geometry.road_height import road_height_m
 from upvl_cli.geometry.se3 import apply
 from upvl_cli.types import Array, Camera, Frame, Image, Points
 

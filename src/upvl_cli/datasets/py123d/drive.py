@@ -15,10 +15,10 @@ from upvl_cli.datasets.py123d.cameras import check_first_picture, read_camera, r
 from upvl_cli.datasets.py123d.library import ArrowLog, library_errors, open_log, pose_matrices
 from upvl_cli.datasets.py123d.points import CarOutline, car_outline, read_sweep
 from upvl_cli.datasets.shared.lookup import camera_of_name, of_frame
-from upvl_cli.geometry.road_height import road_height_m
 from upvl_cli.datasets.shared.times import check_frames
 from upvl_cli.errors import BadInput
 from upvl_cli.geometry.path import pose_at
+from upvl_cli.geometry.road_height import road_height_m
 from upvl_cli.types import Array, Camera, Frame, Image, Points, concat
 
 _MERGED = "lidar.lidar_merged"

@@ -156,7 +156,9 @@ class SensorCard:
         if self.rate_hz is not None:
             rate = f"{self.rate_hz:.2f} Hz, jitter {self.jitter:.1%}"
         turn = "" if self.turn_s is None else f", points over {self.turn_s * 1e3:.0f} ms"
-        car = "no point of the car itself" if self.car_drives else "the car stands: cannot tell its own points"
+        car = (
+            "no point of the car itself" if self.car_drives else "the car stands: cannot tell its own points"
+        )
         if self.car is not None:
             (back, front), (right, left) = self.car.x_m, self.car.y_m
             car = (

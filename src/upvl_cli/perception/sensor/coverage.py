@@ -64,7 +64,9 @@ def scene_changes(sweeps: Sequence[Array], road_z_m: float) -> bool:
         sweeps: (n, 3) points of each sweep in ego axes.
         road_z_m: Height of the road in ego axes.
     """
-    first, last = (np.unique(_cells(_around(xyz, road_z_m), _SCENE_CELL_M)) for xyz in (sweeps[0], sweeps[-1]))
+    first, last = (
+        np.unique(_cells(_around(xyz, road_z_m), _SCENE_CELL_M)) for xyz in (sweeps[0], sweeps[-1])
+    )
     return len(first) > 0 and float(np.isin(first, last).mean()) < _SAME
 
 

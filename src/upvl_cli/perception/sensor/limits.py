@@ -12,6 +12,7 @@ from upvl_cli.perception.sensor.config import SensorConfig
 _SPEED_MPS = 10.0  # of a car in a town
 _SCALE_RATIO = 10.0  # intensities this much larger are on another scale
 _FAR_M = 100.0  # nobody labels beyond
+_LEVEL_DEG = 6.0  # around the horizon
 _OTHER_SHARE = 0.25  # of the points or the rate
 
 
@@ -66,19 +67,14 @@ def person_reach_m(card: SensorCard, config: SensorConfig) -> float | None:
         config: Settings.
     """
     lidar = card.main_lidar
-    if lidar is None or lidar.beam_step_deg is None or lidar.azimuth_step_deg is None or lidar.height_m is None:
+    if lidar is None or lidar.beam_step_deg is None or lidar.azimuth_step_deg is None:
         return None
-    beams = np.tan(np.radians(lidar.beams_deg))
-    distance_m = np.arange(1.0, _FAR_M + 1)
-    low = -lidar.height_m / distance_m
-    high = (config.person_height_m - lidar.height_m) / distance_m
-    rows = (np.searchsorted(beams, high) - np.searchsorted(beams, low)).astype(np.float64)
-    # Between two beams a person has one row as often as their height spans the space between them.
-    gap = np.radians(lidar.beam_step_deg)
-    rows = np.minimum(rows, config.person_height_m / distance_m / gap + 1)
-    points = rows * config.person_width_m / distance_m / np.radians(lidar.azimuth_step_deg)
-    enough = np.flatnonzero(points >= config.person_points)
-    return float(distance_m[enough[-1]]) if len(enough) else 0.0
+    beams = np.array(lidar.beams_deg)
+    level = beams[np.abs(beams) < _LEVEL_DEG]  # people far away are seen there
+    gap_deg = float(np.median(np.diff(level))) if len(level) > 2 else lidar.beam_step_deg
+    # A person at distance r spans height / (r gap) beams and width / (r step) columns, on average.
+    area_m2 = config.person_width_m * config.person_height_m / config.person_points
+    return float(np.sqrt(area_m2 / (np.radians(gap_deg) * np.radians(lidar.azimuth_step_deg))))
 
 
 def differences(cards: Mapping[str, SensorCard]) -> tuple[str, ...]:

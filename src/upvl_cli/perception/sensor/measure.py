@@ -17,7 +17,13 @@ from upvl_cli.perception.sensor.config import SensorConfig
 from upvl_cli.perception.sensor.coverage import find_car, hidden_sectors, scene_changes
 from upvl_cli.perception.sensor.intensity import measure_intensity
 from upvl_cli.perception.sensor.origin import beam_contrast, elevations_deg, find_origin
-from upvl_cli.perception.sensor.turn import Sense, azimuths_deg, column_step_deg, field_of_view_deg, sense_of_turn
+from upvl_cli.perception.sensor.turn import (
+    Sense,
+    azimuths_deg,
+    column_step_deg,
+    field_of_view_deg,
+    sense_of_turn,
+)
 from upvl_cli.types import Array, Camera, Floats, Points
 
 _GAP = 1.5  # a step of more than this many usual ones is a gap
@@ -87,7 +93,8 @@ def _lidar(sample: DriveSample, number: int, road_z_m: float, config: SensorConf
     sweeps = [_sweep(sample, run[0], number) for run in runs]
     counts = [int((sample.sweep(step).sensor == number).sum()) for step in sample.steps]
     origin_m, contrast = _origin(max(sweeps, key=lambda sweep: len(sweep.xyz_m)), road_z_m, config)
-    beams_deg, step_deg = np.zeros(0), float("nan")
+    beams_deg: Floats = np.zeros(0)
+    step_deg = float("nan")
     if contrast >= config.min_beam_contrast:
         beams_deg, step_deg = _beams(sweeps, origin_m, config)
     known = len(beams_deg) > 0
