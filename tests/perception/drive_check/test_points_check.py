@@ -16,7 +16,7 @@ from upvl_cli.perception.drive_check.points_check import (
     surface_ratio,
 )
 from upvl_cli.perception.drive_check.sample import DriveSample
-from upvl_cli.perception.sensor.coverage import CarOutline
+from upvl_cli.perception.sensor.coverage import CarFootprint
 from upvl_cli.perception.sensor.measure import measure_sensor
 from upvl_cli.types import Points
 
@@ -152,5 +152,5 @@ def test_surfaces_are_thin_whatever_the_unit() -> None:
 def test_points_of_the_car_itself_name_the_line_that_leaves_them_out() -> None:
     card = measure_sensor(drive_sample(), CONFIG.sensor)
     assert list(check_own_car(card)) == []
-    (finding,) = check_own_car(replace(card, car=CarOutline((-1.2, 0.9), (-0.8, 0.7), 160)))
+    (finding,) = check_own_car(replace(card, car=CarFootprint((-1.2, 0.9), (-0.8, 0.7), 160)))
     assert finding.level == "warning" and finding.remedy == "car_m = [-1.2, 0.9, -0.8, 0.7]"

@@ -89,7 +89,10 @@ def check_own_car(card: SensorCard) -> Iterator[Finding]:
     if card.car is None:
         return
     (back, front), (right, left) = card.car.x_m, card.car.y_m
-    text = f"{card.car.points} points a sweep move as the car does, x {back:.1f} to {front:.1f}, y {right:.1f} to {left:.1f} m"
+    text = (
+        f"{card.car.points} points a sweep move as the car does, x {back:.1f} to {front:.1f}, "
+        f"y {right:.1f} to {left:.1f} m"
+    )
     remedy = f"car_m = [{back:.1f}, {front:.1f}, {right:.1f}, {left:.1f}]"
     yield Finding("points", "warning", text, "", "", "the LiDAR sees the car that carries it", remedy)
 

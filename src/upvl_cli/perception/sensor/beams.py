@@ -103,7 +103,7 @@ def _peaks(count: Floats, width: float) -> Array:
     )
     bins = bins[clear]
     if len(bins) < 3:
-        return bins
+        return np.asarray(bins)
     valleys = [low + int(np.argmin(smooth[low:high])) for low, high in zip(bins[:-1], bins[1:], strict=True)]
     mass = np.add.reduceat(count, [0, *valleys])
     around = np.array([np.median(mass[max(0, place - 2) : place + 3]) for place in range(len(mass))])

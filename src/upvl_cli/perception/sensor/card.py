@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from upvl_cli.perception.sensor.coverage import CarOutline
+from upvl_cli.perception.sensor.coverage import CarFootprint
 from upvl_cli.perception.sensor.intensity import IntensityScale
 from upvl_cli.perception.sensor.turn import Sense
 
@@ -139,7 +139,7 @@ class SensorCard:
     jitter: float
     turn_s: float | None
     road_z_m: float
-    car: CarOutline | None
+    car: CarFootprint | None
     car_drives: bool
     lidars: tuple[LidarCard, ...]
     cameras: tuple[CameraCard, ...]

@@ -19,7 +19,7 @@ _TRIM = 0.5  # percent of the points of the car that the outline leaves out at e
 
 
 @dataclass(frozen=True)
-class CarOutline:
+class CarFootprint:
     """Points that stay where they are in ego axes while the car drives: the car itself.
 
     Attributes:
@@ -33,7 +33,7 @@ class CarOutline:
     points: int
 
 
-def find_car(sweeps: Sequence[Array], road_z_m: float, config: SensorConfig) -> CarOutline | None:
+def find_car(sweeps: Sequence[Array], road_z_m: float, config: SensorConfig) -> CarFootprint | None:
     """Return the outline of the car where the sweeps show it, else None.
 
     Args:
@@ -54,7 +54,7 @@ def find_car(sweeps: Sequence[Array], road_z_m: float, config: SensorConfig) -> 
     every = np.concatenate(on_car)
     low, high = np.percentile(every[:, :2], [_TRIM, 100 - _TRIM], axis=0)
     low, high = np.floor(low * 10) / 10, np.ceil(high * 10) / 10
-    return CarOutline((float(low[0]), float(high[0])), (float(low[1]), float(high[1])), points)
+    return CarFootprint((float(low[0]), float(high[0])), (float(low[1]), float(high[1])), points)
 
 
 def scene_changes(sweeps: Sequence[Array], road_z_m: float) -> bool:

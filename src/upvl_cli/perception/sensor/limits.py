@@ -31,13 +31,13 @@ def _rate_limits(card: SensorCard, config: SensorConfig) -> Iterator[str]:
         yield "one frame: nothing is seen to move, and no object has a track"
     elif card.rate_hz < config.min_rate_hz:
         yield (
-            f"{card.rate_hz:.1f} Hz: at {_SPEED_MPS:g} m/s an object moves {_SPEED_MPS / card.rate_hz:.1f} m from sweep "
-            "to sweep, more than a car's length: velocities of fast objects are guesses, and their tracks break"
+            f"{card.rate_hz:.1f} Hz: at {_SPEED_MPS:g} m/s an object moves {_SPEED_MPS / card.rate_hz:.1f} m from "
+            "sweep to sweep, more than a car's length: velocities of fast objects are guesses, and their tracks break"
         )
     elif card.rate_hz > config.max_rate_hz:
         yield (
-            f"{card.rate_hz:.1f} Hz: at {_SPEED_MPS:g} m/s an object moves {100 * _SPEED_MPS / card.rate_hz:.0f} cm from "
-            "sweep to sweep, near the noise of ranges: slow objects seem to stand; give each second or third sweep"
+            f"{card.rate_hz:.1f} Hz: at {_SPEED_MPS:g} m/s an object moves {100 * _SPEED_MPS / card.rate_hz:.0f} cm "
+            "from sweep to sweep, near the noise of ranges: slow objects seem to stand; give each second or third sweep"
         )
 
 

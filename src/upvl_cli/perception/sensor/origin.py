@@ -79,7 +79,8 @@ def find_origin(xyz_m: Array, shift_m: Array, road_z_m: float, max_points: int) 
         places = [np.array([x, y, z]) for x in _X_M for y in _Y_M]
         starts.append(places[int(np.argmax([_contrast(rays, place, _COARSE_DEG) for place in places]))])
     found = []
-    for place in starts:
+    for start in starts:
+        place: Floats = start
         for bin_deg, step_m in _REFINE:
             place = _climb(rays, place, bin_deg, step_m, road_z_m + _HEIGHT_M)
         found.append((_contrast(rays, place, _REFINE[-1][0]), *place))
