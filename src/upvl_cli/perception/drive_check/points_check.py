@@ -18,6 +18,7 @@ from upvl_cli.types import Array, Points
 _NAMED = 3  # frames that a finding names
 _NEIGHBORS = 12
 _SEED = 0
+_LARGEST = 1e6  # a LiDAR that reaches 500 m, in millimetres: the check of units names those
 _MIN_POINTS = 50  # of a sweep: of fewer nothing can be said
 
 
@@ -31,11 +32,6 @@ class PointsCheckConfig(Config):
     )
     max_same_m: float = setting(
         "points of two sweeps that differ by less are the same points", "m", gt=0, le=10
-    )
-    max_range_m: float = setting("no measurement is larger, whatever its unit", "m", gt=0, le=10**9)
-    tiny_m: float = setting("coordinates nearer to 0, but not 0, are no measurements", "m", gt=0, le=1)
-    max_wrong_share: float = setting(
-        "most points that are no measurements without a fault, as a share", ge=0, le=1
     )
     surface_points: int = setting("points of a sweep around which a surface is looked for", ge=10, le=10**5)
     max_surface_ratio: float = setting(
@@ -173,11 +169,11 @@ def _ranges(sweeps: Sequence[Points], config: PointsCheckConfig) -> Iterator[Fin
     far, tiny = [], []
     for sweep in sweeps:
         size = np.abs(sweep.xyz_ego_m[np.isfinite(sweep.xyz_ego_m).all(axis=1)])
-        far.append(float((size.max(axis=1, initial=0) > config.max_range_m).mean()) if len(size) else 0.0)
+        far.append(float((size.max(axis=1, initial=0) > _LARGEST).mean()) if len(size) else 0.0)
         tiny.append(float(((size < config.tiny_m) & (size > 0)).any(axis=1).mean()) if len(size) else 0.0)
     wrong = max(float(np.mean(far)), float(np.mean(tiny))) if far else 0.0
     if wrong > config.max_wrong_share:
-        text = f"{wrong:.1%} are farther than {config.max_range_m:g} m or nearer than {config.tiny_m:g} m"
+        text = f"{wrong:.1%} are larger than {_LARGEST:g} or smaller than {config.tiny_m:g}"
         cause = "bytes read as another type, or rows of another width"
         remedy = "state the true type and the number of columns of the files"
         yield Finding("points", "fault", text, "", f"{len(sweeps)} sweeps", cause, remedy)
