@@ -33,6 +33,10 @@ class PointsCheckConfig(Config):
     max_same_m: float = setting(
         "points of two sweeps that differ by less are the same points", "m", gt=0, le=10
     )
+    tiny_m: float = setting("coordinates nearer to 0, but not 0, are no measurements", "m", gt=0, le=1)
+    max_wrong_share: float = setting(
+        "most points that are no measurements without a fault, as a share", ge=0, le=1
+    )
     surface_points: int = setting("points of a sweep around which a surface is looked for", ge=10, le=10**5)
     max_surface_ratio: float = setting(
         "a surface is thinner than this share of the distance between its points, by the median", gt=0, le=1
