@@ -34,18 +34,25 @@ class Lidar:
 
     def sweep(self, x_m: float, seed: int) -> Points:
         """Return what it sees from a car at x of the street, in axes on the road below the car."""
-        azimuth = self.sense * np.linspace(-self.field_deg / 2, self.field_deg / 2, self.columns, endpoint=False)
+        azimuth = self.sense * np.linspace(
+            -self.field_deg / 2, self.field_deg / 2, self.columns, endpoint=False
+        )
         order = "xy" if self.by_beam else "ij"
         azimuth_deg, beam = np.meshgrid(azimuth, self.beams_deg, indexing=order)
         a, e = np.radians(azimuth_deg.ravel()), np.radians(beam.ravel())
-        time_ns = np.meshgrid(np.linspace(-0.5, 0.5, self.columns), self.beams_deg, indexing=order)[0].ravel() * STEP_NS
+        time_ns = (
+            np.meshgrid(np.linspace(-0.5, 0.5, self.columns), self.beams_deg, indexing=order)[0].ravel()
+            * STEP_NS
+        )
         ray = np.column_stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
         range_m = _ranges(np.array(self.origin_m), ray, x_m)
         rng = np.random.default_rng(seed)
         hit = range_m < REACH_M
         total = int(hit.sum())
         xyz = np.array(self.origin_m) + ray[hit] * (range_m[hit] + rng.normal(0, 0.01, total))[:, None]
-        return Points(xyz, rng.uniform(0.01, 0.99, total), np.zeros(total), np.full(total, self.sensor), time_ns[hit])
+        return Points(
+            xyz, rng.uniform(0.01, 0.99, total), np.zeros(total), np.full(total, self.sensor), time_ns[hit]
+        )
 
 
 def _ranges(origin_m: np.ndarray, ray: np.ndarray, x_m: float) -> np.ndarray:
@@ -56,7 +63,11 @@ def _ranges(origin_m: np.ndarray, ray: np.ndarray, x_m: float) -> np.ndarray:
             for place in np.arange(-60, 200, 13.0) - x_m + 3 * (side > 0):  # steps of the walls, 2 m deep
                 across = (place - origin_m[0]) / ray[:, 0]
                 y = np.abs(origin_m[1] + across * ray[:, 1])
-                near = (np.sign(origin_m[1] + across * ray[:, 1]) == np.sign(side)) & (y > WALL_M - 2) & (y < WALL_M)
+                near = (
+                    (np.sign(origin_m[1] + across * ray[:, 1]) == np.sign(side))
+                    & (y > WALL_M - 2)
+                    & (y < WALL_M)
+                )
                 found.append(np.where(near, _bounded(across, origin_m, ray), np.inf))
     return np.min(found, axis=0)
 

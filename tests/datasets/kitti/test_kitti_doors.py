@@ -292,3 +292,12 @@ def test_kittis_own_recordings_need_no_measurement(tiny: TinyDrive) -> None:
         values.tofile(path)
     drive = Kitti(tiny.root).open(tiny.segment)
     assert drive.ground_z_m == -1.73 and drive.vehicle.has_outline
+
+
+def test_axes_on_the_road_are_measured_under_kittis_name_too(tiny: TinyDrive) -> None:
+    for path in (tiny.folder / "velodyne_points/data").iterdir():
+        values = np.fromfile(path, "<f4").reshape(-1, 4)
+        values[:, 2] += 1.73
+        values.tofile(path)
+    drive = Kitti(tiny.root).open(tiny.segment)
+    assert drive.ground_z_m == pytest.approx(0.0, abs=0.05) and not drive.vehicle.has_outline

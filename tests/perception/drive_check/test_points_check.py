@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from ray_street import CONFIG, drive_sample
-
 from upvl_cli.perception.drive_check.points_check import (
     check_own_car,
     check_points,
@@ -17,7 +16,7 @@ from upvl_cli.perception.drive_check.points_check import (
     surface_ratio,
 )
 from upvl_cli.perception.drive_check.sample import DriveSample
-from upvl_cli.perception.sensor.coverage import CarOutline
+from upvl_cli.perception.sensor.coverage import CarFootprint
 from upvl_cli.perception.sensor.measure import measure_sensor
 from upvl_cli.types import Points
 
@@ -27,8 +26,9 @@ def found(sample: DriveSample) -> list[tuple[str, str]]:
 
 
 def only(change: Callable[[Points, int], Points]) -> tuple[str, str, str]:
-    """Return level, cause and remedy of the one finding that is not ok."""
-    (finding,) = [each for each in check_points(drive_sample(change=change), CONFIG.points) if each.level != "ok"]
+    """Return level, cause and remedy of the one finding that is not ok; of the fault where there is one."""
+    wrong = [each for each in check_points(drive_sample(change=change), CONFIG.points) if each.level != "ok"]
+    (finding,) = [each for each in wrong if each.is_fault and "type" in each.cause] or wrong
     return finding.level, finding.cause, finding.remedy
 
 
@@ -95,7 +95,12 @@ def _noise(points: Points, step: int) -> Points:
             "one number",
             "",
         ),
-        (lambda points, step: points[: len(points) // (1 + step % 2)], "warning", "lost packets", "whole turns"),
+        (
+            lambda points, step: points[: len(points) // (1 + step % 2)],
+            "warning",
+            "lost packets",
+            "whole turns",
+        ),
         (lambda points, step: points[: len(points) * (step != 0)], "warning", "lost sweeps", ""),
     ],
 )
@@ -107,7 +112,9 @@ def test_each_fault_is_named(
 
 
 def test_no_point_at_all_is_a_fault() -> None:
-    assert found(drive_sample(change=lambda points, step: points[:0])) == [("fault", "none in any of 8 sweeps")]
+    assert found(drive_sample(change=lambda points, step: points[:0])) == [
+        ("fault", "none in any of 8 sweeps")
+    ]
 
 
 def test_a_repeated_sweep_is_a_fault() -> None:
@@ -145,5 +152,5 @@ def test_surfaces_are_thin_whatever_the_unit() -> None:
 def test_points_of_the_car_itself_name_the_line_that_leaves_them_out() -> None:
     card = measure_sensor(drive_sample(), CONFIG.sensor)
     assert list(check_own_car(card)) == []
-    (finding,) = check_own_car(replace(card, car=CarOutline((-1.2, 0.9), (-0.8, 0.7), 160)))
+    (finding,) = check_own_car(replace(card, car=CarFootprint((-1.2, 0.9), (-0.8, 0.7), 160)))
     assert finding.level == "warning" and finding.remedy == "car_m = [-1.2, 0.9, -0.8, 0.7]"

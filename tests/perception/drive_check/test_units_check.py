@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from ray_street import CONFIG, Lidar, drive_sample
-
 from upvl_cli.perception.drive_check.finding import Finding
 from upvl_cli.perception.drive_check.sample import DriveSample
 from upvl_cli.perception.drive_check.units_check import UNITS, check_units
@@ -50,6 +49,8 @@ def test_too_few_points_cannot_tell() -> None:
 
 
 def test_what_fits_no_unit_is_a_warning() -> None:
-    flat = drive_sample(change=lambda points, step: replace(points, xyz_ego_m=points.xyz_ego_m * [1, 1, 12]), axes_z_m=1.8)
+    flat = drive_sample(
+        change=lambda points, step: replace(points, xyz_ego_m=points.xyz_ego_m * [1, 1, 12]), axes_z_m=1.8
+    )
     found = finding(flat)
     assert found.level == "warning" and found.remedy == ""

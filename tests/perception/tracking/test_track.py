@@ -255,3 +255,26 @@ def test_a_fragment_begins_where_all_of_its_boxes_say() -> None:
     assert set(track(frames, boxes, velocity, TIME_S, config).track_id) == {0}
     first_alone = track(frames[:5], boxes[:5], velocity[:5], TIME_S, config)
     assert set(first_alone.track_id) == {0, 1}, "that box alone is too far off"
+
+
+@pytest.mark.parametrize(("rate_hz", "kept"), [(10.0, 4), (5.0, 4), (2.0, 2), (1.934, 2)])
+def test_limits_hold_at_any_rate(rate_hz: float, kept: int) -> None:
+    """At 2 Hz consecutive boxes are as far apart in time as a track coasts at 10 Hz."""
+    at = CONFIG.at_rate(1 / rate_hz)
+    assert at.min_boxes == kept
+    assert at.max_coast_s >= 1.2 / rate_hz and at.max_gap_s >= 2.2 / rate_hz
+    if rate_hz >= 5:
+        assert at == CONFIG
+    assert CONFIG.at_rate(0.0) == CONFIG
+
+
+def test_an_object_seen_each_half_second_has_a_track() -> None:
+    """Five key frames of a car at 10 m/s."""
+    time_s = np.arange(5) * 0.517
+    boxes = Boxes(
+        np.column_stack([10 * time_s, np.zeros((5, 2))]), np.tile([4.0, 2.0, 1.5], (5, 1)), np.zeros(5)
+    )
+    found = track(np.arange(5), boxes, np.tile([10.0, 0, 0], (5, 1)), time_s, CONFIG)
+    assert found.track_id.tolist() == [0] * 5
+    pair = track(np.arange(2), boxes[:2], np.tile([10.0, 0, 0], (2, 1)), time_s, CONFIG)
+    assert len(pair.track_id) == 2

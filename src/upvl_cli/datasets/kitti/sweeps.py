@@ -22,7 +22,7 @@ _PLACES = RowLayout("<f4", 3)  # as some tools write it, without reflectance
 LIDAR_HEIGHT_M = 1.73  # the Velodyne above the road: Geiger et al., IJRR 2013, figure 3
 _SAME_CAR_M = 0.3  # the measured height of another car's LiDAR differs by more, or nothing shows it
 # A drive of KITTI's own name may stand on a slope; axes that were moved, say to the road, differ by more.
-_SAME_AXES_M = 0.8
+_SAME_AXES_M = 1.2
 # KITTI's car around its LiDAR, with the rack whose tips return up to 1.5 m to each side (seen in drive 0001):
 # what is measured in there moves as the car does, and is the car.
 _CAR_X_M, _CAR_Y_M = (-2.3, 3.0), (-1.6, 1.6)

@@ -103,13 +103,17 @@ def _steps(sample: DriveSample, step_s: Floats, config: ClockCheckConfig) -> Ite
     if _is_two_clocks(step_s, config):
         text = f"steps take turns between {step_s.min():.3f} and {step_s.max():.3f} s"
         cause = "the sweeps of two LiDARs or two clocks were put in one row"
-        yield Finding("clock", "warning", text, "", f"{len(step_s)} steps", cause, "give the sweeps of one LiDAR")
+        yield Finding(
+            "clock", "warning", text, "", f"{len(step_s)} steps", cause, "give the sweeps of one LiDAR"
+        )
         return
     near = np.flatnonzero(step_s < config.near_share * usual_s)
     if len(near):
         text = f"{len(near)} sweeps follow the one before after less than {config.near_share * usual_s * 1e3:.0f} ms"
         cause = "a sweep that was stored twice, or cut in two"
-        yield Finding("clock", "warning", text, _places(sample, near + 1), "", cause, "leave one of the two out")
+        yield Finding(
+            "clock", "warning", text, _places(sample, near + 1), "", cause, "leave one of the two out"
+        )
     gap = np.flatnonzero(step_s > config.gap * usual_s)
     if len(gap) and (step_s.max() > config.max_gap_s or len(gap) > config.max_gap_share * len(step_s)):
         lost = int(np.rint(step_s[gap] / usual_s - 1).sum())
@@ -123,7 +127,9 @@ def _steps(sample: DriveSample, step_s: Floats, config: ClockCheckConfig) -> Ite
     if jitter > config.max_jitter:
         text = f"the time between sweeps varies by {jitter:.0%} (standard deviation)"
         cause = "times of arrival were stored, not those of the sensor"
-        yield Finding("clock", "warning", text, "", f"{len(regular)} steps", cause, "write the times of the sensor")
+        yield Finding(
+            "clock", "warning", text, "", f"{len(regular)} steps", cause, "write the times of the sensor"
+        )
     yield from _rate(usual_s, config)
 
 
@@ -148,7 +154,9 @@ def _is_two_clocks(step_s: Floats, config: ClockCheckConfig) -> bool:
     even = np.abs(both_s - usual_s) < config.max_jitter * usual_s / 2
     turns = np.sign(np.diff(step_s))
     return bool(
-        uneven.mean() > _TWO_CLOCKS_SHARE and even.mean() > _TWO_CLOCKS_SHARE and (turns[1:] == -turns[:-1]).mean() > _TWO_CLOCKS_SHARE
+        uneven.mean() > _TWO_CLOCKS_SHARE
+        and even.mean() > _TWO_CLOCKS_SHARE
+        and (turns[1:] == -turns[:-1]).mean() > _TWO_CLOCKS_SHARE
     )
 
 

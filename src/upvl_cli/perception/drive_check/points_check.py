@@ -13,11 +13,12 @@ from upvl_cli.perception.drive_check.finding import Finding
 from upvl_cli.perception.drive_check.sample import DriveSample
 from upvl_cli.perception.sensor.card import SensorCard
 from upvl_cli.perception.sensor.intensity import measure_intensity
-from upvl_cli.types import Array, Floats, Points
+from upvl_cli.types import Array, Points
 
 _NAMED = 3  # frames that a finding names
 _NEIGHBORS = 12
 _SEED = 0
+_LARGEST = 1e6  # a LiDAR that reaches 500 m, in millimetres: the check of units names those
 _MIN_POINTS = 50  # of a sweep: of fewer nothing can be said
 
 
@@ -26,16 +27,23 @@ class PointsCheckConfig(Config):
     """What sweeps may hold."""
 
     max_zero_share: float = setting("most points at the origin without a warning, as a share", ge=0, le=1)
-    max_count_ratio: float = setting("most points of a sweep, beside those of the sweep before it", gt=1, le=1000)
-    max_same_m: float = setting("points of two sweeps that differ by less are the same points", "m", gt=0, le=10)
-    max_range_m: float = setting("no measurement is larger, whatever its unit", "m", gt=0, le=10**9)
+    max_count_ratio: float = setting(
+        "most points of a sweep, beside those of the sweep before it", gt=1, le=1000
+    )
+    max_same_m: float = setting(
+        "points of two sweeps that differ by less are the same points", "m", gt=0, le=10
+    )
     tiny_m: float = setting("coordinates nearer to 0, but not 0, are no measurements", "m", gt=0, le=1)
-    max_wrong_share: float = setting("most points that are no measurements without a fault, as a share", ge=0, le=1)
+    max_wrong_share: float = setting(
+        "most points that are no measurements without a fault, as a share", ge=0, le=1
+    )
     surface_points: int = setting("points of a sweep around which a surface is looked for", ge=10, le=10**5)
     max_surface_ratio: float = setting(
         "a surface is thinner than this share of the distance between its points, by the median", gt=0, le=1
     )
-    max_doubled_share: float = setting("points of a sweep at the place of another one that are told, as a share", ge=0, le=1)
+    max_doubled_share: float = setting(
+        "points of a sweep at the place of another one that are told, as a share", ge=0, le=1
+    )
 
 
 def check_points(sample: DriveSample, config: PointsCheckConfig) -> Iterator[Finding]:
@@ -50,7 +58,9 @@ def check_points(sample: DriveSample, config: PointsCheckConfig) -> Iterator[Fin
     counts = np.array([len(sweep) for sweep in sweeps])
     names = [sample.frames[step].index for step in steps]
     if not counts.any():
-        yield Finding("points", "fault", f"none in any of {len(steps)} sweeps", "", "", "", "look at the files")
+        yield Finding(
+            "points", "fault", f"none in any of {len(steps)} sweeps", "", "", "", "look at the files"
+        )
         return
     spread = [sample.sweep(run[0]) for run in sample.runs if len(sample.sweep(run[0]))]
     found = [
@@ -79,7 +89,10 @@ def check_own_car(card: SensorCard) -> Iterator[Finding]:
     if card.car is None:
         return
     (back, front), (right, left) = card.car.x_m, card.car.y_m
-    text = f"{card.car.points} points a sweep move as the car does, x {back:.1f} to {front:.1f}, y {right:.1f} to {left:.1f} m"
+    text = (
+        f"{card.car.points} points a sweep move as the car does, x {back:.1f} to {front:.1f}, "
+        f"y {right:.1f} to {left:.1f} m"
+    )
     remedy = f"car_m = [{back:.1f}, {front:.1f}, {right:.1f}, {left:.1f}]"
     yield Finding("points", "warning", text, "", "", "the LiDAR sees the car that carries it", remedy)
 
@@ -88,7 +101,9 @@ def _empty(counts: Array, names: Sequence[int]) -> Iterator[Finding]:
     empty = np.flatnonzero(counts == 0)
     if len(empty):
         text = f"{len(empty)} of {len(counts)} sweeps have none"
-        yield Finding("points", "warning", text, _places([names[place] for place in empty]), "", "lost sweeps", "")
+        yield Finding(
+            "points", "warning", text, _places([names[int(place)] for place in empty]), "", "lost sweeps", ""
+        )
 
 
 def _not_finite(sweeps: Sequence[Points], names: Sequence[int]) -> Iterator[Finding]:
@@ -105,12 +120,18 @@ def _zeros(sweeps: Sequence[Points], config: PointsCheckConfig) -> Iterator[Find
     if share > config.max_zero_share:
         text = f"{share:.1%} lie at the origin"
         cause = "rays without return were kept as zeros"
-        yield Finding("points", "warning", text, "", f"{len(sweeps)} sweeps", cause, "write the sweeps without them")
+        yield Finding(
+            "points", "warning", text, "", f"{len(sweeps)} sweeps", cause, "write the sweeps without them"
+        )
 
 
 def _same_sweeps(sample: DriveSample, config: PointsCheckConfig) -> Iterator[Finding]:
     """Yield a fault where neighbouring sweeps hold the same points."""
-    same = [pair for pair in sample.pairs if is_same_sweep(*map(sample.sweep, pair), config.max_same_m)]
+    same = [
+        pair
+        for pair in sample.pairs
+        if is_same_sweep(sample.sweep(pair[0]), sample.sweep(pair[1]), config.max_same_m)
+    ]
     if not same:
         return
     text = f"{len(same)} of {len(sample.pairs)} sweeps are those before them once more"
@@ -152,11 +173,11 @@ def _ranges(sweeps: Sequence[Points], config: PointsCheckConfig) -> Iterator[Fin
     far, tiny = [], []
     for sweep in sweeps:
         size = np.abs(sweep.xyz_ego_m[np.isfinite(sweep.xyz_ego_m).all(axis=1)])
-        far.append(float((size.max(axis=1, initial=0) > config.max_range_m).mean()) if len(size) else 0.0)
+        far.append(float((size.max(axis=1, initial=0) > _LARGEST).mean()) if len(size) else 0.0)
         tiny.append(float(((size < config.tiny_m) & (size > 0)).any(axis=1).mean()) if len(size) else 0.0)
     wrong = max(float(np.mean(far)), float(np.mean(tiny))) if far else 0.0
     if wrong > config.max_wrong_share:
-        text = f"{wrong:.1%} are farther than {config.max_range_m:g} m or nearer than {config.tiny_m:g} m"
+        text = f"{wrong:.1%} are larger than {_LARGEST:g} or smaller than {config.tiny_m:g}"
         cause = "bytes read as another type, or rows of another width"
         remedy = "state the true type and the number of columns of the files"
         yield Finding("points", "fault", text, "", f"{len(sweeps)} sweeps", cause, remedy)
@@ -206,19 +227,15 @@ def surface_ratio(xyz_m: Array, total: int) -> float:
         total: Points that are looked at.
     """
     xyz = np.asarray(xyz_m, dtype=np.float64)
-    xyz = np.unique(xyz[np.isfinite(xyz).all(axis=1)], axis=0) if len(xyz_m) < _MIN_POINTS else _once(xyz)
+    xyz = xyz[np.isfinite(xyz).all(axis=1)]
     if len(xyz) < _MIN_POINTS:
         return float("nan")
     chosen = np.random.default_rng(_SEED).choice(len(xyz), min(total, len(xyz)), replace=False)
     distance, place = cKDTree(xyz).query(xyz[chosen], k=_NEIGHBORS)
     local = xyz[place] - xyz[place].mean(axis=1, keepdims=True)
     spread = np.linalg.eigvalsh(np.einsum("nki,nkj->nij", local, local) / _NEIGHBORS)
-    thickness: Floats = np.sqrt(np.maximum(spread[:, 0], 0))
+    thickness = np.sqrt(np.maximum(spread[:, 0], 0))
     return float(np.median(thickness / np.maximum(distance[:, -1], 1e-12)))
-
-
-def _once(xyz: Floats) -> Floats:
-    return np.asarray(xyz[np.isfinite(xyz).all(axis=1)])
 
 
 def _doubled(sweeps: Sequence[Points], config: PointsCheckConfig) -> Iterator[Finding]:
@@ -226,7 +243,9 @@ def _doubled(sweeps: Sequence[Points], config: PointsCheckConfig) -> Iterator[Fi
     shares = [_doubled_share(sweep.xyz_ego_m) for sweep in sweeps[:: max(1, len(sweeps) // 2)]]
     if shares and np.median(shares) > config.max_doubled_share:
         text = f"{np.median(shares):.0%} of a sweep lie where another one lies"
-        yield Finding("points", "ok", text, "", f"{len(shares)} sweeps", "two returns of a ray, both kept", "")
+        yield Finding(
+            "points", "ok", text, "", f"{len(shares)} sweeps", "two returns of a ray, both kept", ""
+        )
 
 
 def _doubled_share(xyz_m: Array) -> float:

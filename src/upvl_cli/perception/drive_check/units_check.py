@@ -40,7 +40,9 @@ class UnitsCheckConfig(Config):
     range_spread: float = setting("standard deviation of the logarithm of both", gt=0, le=10)
     max_height_m: float = setting("no LiDAR stands higher above the road", "m", gt=0, le=100)
     max_range_m: float = setting("the 99.9th percentile of no LiDAR's ranges is larger", "m", gt=0, le=10_000)
-    min_range_m: float = setting("the 99.9th percentile of no drive's ranges is smaller", "m", gt=0, le=10_000)
+    min_range_m: float = setting(
+        "the 99.9th percentile of no drive's ranges is smaller", "m", gt=0, le=10_000
+    )
     min_evidence: float = setting(
         "logarithm of the likelihood ratio from which another unit than metres is named", ge=0, le=1000
     )
@@ -101,7 +103,9 @@ def _judge(scale: PointScale, sweeps: int, config: UnitsCheckConfig) -> Finding:
     if best != "metres" and clear and not _is_impossible(_times(scale, UNITS[best]), config):
         remedy = f"metres_per_unit = {UNITS[best]:g}"
         text += f": in {best} that would be usual"
-        return Finding("units", "fault" if impossible else "warning", text, "", evidence, f"points in {best}", remedy)
+        return Finding(
+            "units", "fault" if impossible else "warning", text, "", evidence, f"points in {best}", remedy
+        )
     if impossible:
         cause = "points in another unit, or bytes that are no coordinates"
         return Finding("units", "warning", f"{text}: no LiDAR of a car sees so", "", evidence, cause, "")
@@ -116,7 +120,7 @@ def _surprise(scale: PointScale, factor: float, config: UnitsCheckConfig) -> flo
     ]
     if not np.isnan(scale.height):
         cues.append((scale.height, config.height_m, config.height_spread))
-    return sum((np.log(value * factor / usual) / spread) ** 2 / 2 for value, usual, spread in cues)
+    return sum(float(np.log(value * factor / usual) / spread) ** 2 / 2 for value, usual, spread in cues)
 
 
 def _is_impossible(scale: PointScale, config: UnitsCheckConfig) -> bool:
@@ -144,7 +148,11 @@ def _measure(sweep: Points, config: UnitsCheckConfig, searched: bool) -> PointSc
     # Seen at about one time, points were measured from about one place, motion compensation or not.
     at_once = np.abs(offset_ns - np.median(offset_ns)) <= _AT_ONCE * np.ptp(offset_ns)
     scaled = xyz * (_NORMAL_DISTANCE / distance)
-    return PointScale(_height(scaled, scaled[at_once] if searched else None, config) * distance / _NORMAL_DISTANCE, far, distance)
+    return PointScale(
+        _height(scaled, scaled[at_once] if searched else None, config) * distance / _NORMAL_DISTANCE,
+        far,
+        distance,
+    )
 
 
 def _height(xyz: Array, at_once: Array | None, config: UnitsCheckConfig) -> float:

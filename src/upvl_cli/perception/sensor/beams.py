@@ -11,7 +11,10 @@ from upvl_cli.types import Array, Floats
 _MIN_BEAMS, _MAX_BEAMS = 4, 256
 _LIMIT_DEG, _BIN_DEG = 60.0, 0.01
 _WIDTHS_DEG = 0.02 * 1.3 ** np.arange(12)  # of a beam in the histogram: up to 0.36 degrees
-_MIN_PROMINENCE, _MIN_SIGMAS = 0.3, 5.0  # of a peak: as a share of its height, and above the noise of counting
+_MIN_PROMINENCE, _MIN_SIGMAS = (
+    0.3,
+    5.0,
+)  # of a peak: as a share of its height, and above the noise of counting
 _MIN_MASS = 0.1  # of a beam, beside the beams next to it: less is stray
 _ON_BEAM, _MIN_ON_BEAM = 0.25, 0.8  # of the points lie this near to a beam, in spaces between two
 _MIN_ROUND_SHARE = 0.95  # of the steps of a file that is written beam by beam go one way round
@@ -75,7 +78,11 @@ def beams_by_histogram(elevation_deg: Array) -> Floats | None:
         if place < len(found) and len(found[place]) == len(found[first]):
             continue
         length = place - first
-        if _MIN_BEAMS <= len(found[first]) <= _MAX_BEAMS and length >= 2 and (best is None or length > best[0]):
+        if (
+            _MIN_BEAMS <= len(found[first]) <= _MAX_BEAMS
+            and length >= 2
+            and (best is None or length > best[0])
+        ):
             best = length, first
         first = place
     if best is None:
@@ -96,7 +103,7 @@ def _peaks(count: Floats, width: float) -> Array:
     )
     bins = bins[clear]
     if len(bins) < 3:
-        return bins
+        return np.asarray(bins)
     valleys = [low + int(np.argmin(smooth[low:high])) for low, high in zip(bins[:-1], bins[1:], strict=True)]
     mass = np.add.reduceat(count, [0, *valleys])
     around = np.array([np.median(mass[max(0, place - 2) : place + 3]) for place in range(len(mass))])

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from upvl_cli.perception.sensor.coverage import CarOutline
+from upvl_cli.perception.sensor.coverage import CarFootprint
 from upvl_cli.perception.sensor.intensity import IntensityScale
 from upvl_cli.perception.sensor.turn import Sense
 
@@ -139,7 +139,7 @@ class SensorCard:
     jitter: float
     turn_s: float | None
     road_z_m: float
-    car: CarOutline | None
+    car: CarFootprint | None
     car_drives: bool
     lidars: tuple[LidarCard, ...]
     cameras: tuple[CameraCard, ...]
@@ -156,7 +156,9 @@ class SensorCard:
         if self.rate_hz is not None:
             rate = f"{self.rate_hz:.2f} Hz, jitter {self.jitter:.1%}"
         turn = "" if self.turn_s is None else f", points over {self.turn_s * 1e3:.0f} ms"
-        car = "no point of the car itself" if self.car_drives else "the car stands: cannot tell its own points"
+        car = (
+            "no point of the car itself" if self.car_drives else "the car stands: cannot tell its own points"
+        )
         if self.car is not None:
             (back, front), (right, left) = self.car.x_m, self.car.y_m
             car = (

@@ -11,7 +11,7 @@ from upvl_cli.perception.sensor.config import SensorConfig
 from upvl_cli.types import Array, Floats
 
 _ROAD_M = 0.3  # points this far above the road are no road
-_SAME = 0.7  # of the cells around a car that drives hold points later, at most; around one that stands 0.9
+_SAME = 0.8  # of the cells around a car that drives hold points later, at most; around one that stands 0.9
 _SCENE_M, _SCENE_CELL_M = (6.0, 25.0), 1.0  # of the cells by which a car is seen to drive
 _SCENE_ABOVE_M = 0.8  # slopes and kerbs look the same everywhere
 _MIN_SWEEPS = 4
@@ -19,7 +19,7 @@ _TRIM = 0.5  # percent of the points of the car that the outline leaves out at e
 
 
 @dataclass(frozen=True)
-class CarOutline:
+class CarFootprint:
     """Points that stay where they are in ego axes while the car drives: the car itself.
 
     Attributes:
@@ -33,7 +33,7 @@ class CarOutline:
     points: int
 
 
-def find_car(sweeps: Sequence[Array], road_z_m: float, config: SensorConfig) -> CarOutline | None:
+def find_car(sweeps: Sequence[Array], road_z_m: float, config: SensorConfig) -> CarFootprint | None:
     """Return the outline of the car where the sweeps show it, else None.
 
     Args:
@@ -54,7 +54,7 @@ def find_car(sweeps: Sequence[Array], road_z_m: float, config: SensorConfig) -> 
     every = np.concatenate(on_car)
     low, high = np.percentile(every[:, :2], [_TRIM, 100 - _TRIM], axis=0)
     low, high = np.floor(low * 10) / 10, np.ceil(high * 10) / 10
-    return CarOutline((float(low[0]), float(high[0])), (float(low[1]), float(high[1])), points)
+    return CarFootprint((float(low[0]), float(high[0])), (float(low[1]), float(high[1])), points)
 
 
 def scene_changes(sweeps: Sequence[Array], road_z_m: float) -> bool:
@@ -64,7 +64,9 @@ def scene_changes(sweeps: Sequence[Array], road_z_m: float) -> bool:
         sweeps: (n, 3) points of each sweep in ego axes.
         road_z_m: Height of the road in ego axes.
     """
-    first, last = (np.unique(_cells(_around(xyz, road_z_m), _SCENE_CELL_M)) for xyz in (sweeps[0], sweeps[-1]))
+    first, last = (
+        np.unique(_cells(_around(xyz, road_z_m), _SCENE_CELL_M)) for xyz in (sweeps[0], sweeps[-1])
+    )
     return len(first) > 0 and float(np.isin(first, last).mean()) < _SAME
 
 

@@ -12,6 +12,7 @@ from upvl_cli.perception.sensor.config import SensorConfig
 _SPEED_MPS = 10.0  # of a car in a town
 _SCALE_RATIO = 10.0  # intensities this much larger are on another scale
 _FAR_M = 100.0  # nobody labels beyond
+_LEVEL_DEG = 6.0  # around the horizon
 _OTHER_SHARE = 0.25  # of the points or the rate
 
 
@@ -30,13 +31,13 @@ def _rate_limits(card: SensorCard, config: SensorConfig) -> Iterator[str]:
         yield "one frame: nothing is seen to move, and no object has a track"
     elif card.rate_hz < config.min_rate_hz:
         yield (
-            f"{card.rate_hz:.1f} Hz: at {_SPEED_MPS:g} m/s an object moves {_SPEED_MPS / card.rate_hz:.1f} m from sweep "
-            "to sweep, more than a car's length: velocities of fast objects are guesses, and their tracks break"
+            f"{card.rate_hz:.1f} Hz: at {_SPEED_MPS:g} m/s an object moves {_SPEED_MPS / card.rate_hz:.1f} m from "
+            "sweep to sweep, more than a car's length: velocities of fast objects are guesses, and their tracks break"
         )
     elif card.rate_hz > config.max_rate_hz:
         yield (
-            f"{card.rate_hz:.1f} Hz: at {_SPEED_MPS:g} m/s an object moves {100 * _SPEED_MPS / card.rate_hz:.0f} cm from "
-            "sweep to sweep, near the noise of ranges: slow objects seem to stand; give each second or third sweep"
+            f"{card.rate_hz:.1f} Hz: at {_SPEED_MPS:g} m/s an object moves {100 * _SPEED_MPS / card.rate_hz:.0f} cm "
+            "from sweep to sweep, near the noise of ranges: slow objects seem to stand; give each second or third sweep"
         )
 
 
@@ -66,19 +67,14 @@ def person_reach_m(card: SensorCard, config: SensorConfig) -> float | None:
         config: Settings.
     """
     lidar = card.main_lidar
-    if lidar is None or lidar.beam_step_deg is None or lidar.azimuth_step_deg is None or lidar.height_m is None:
+    if lidar is None or lidar.beam_step_deg is None or lidar.azimuth_step_deg is None:
         return None
-    beams = np.tan(np.radians(lidar.beams_deg))
-    distance_m = np.arange(1.0, _FAR_M + 1)
-    low = -lidar.height_m / distance_m
-    high = (config.person_height_m - lidar.height_m) / distance_m
-    rows = (np.searchsorted(beams, high) - np.searchsorted(beams, low)).astype(np.float64)
-    # Between two beams a person has one row as often as their height spans the space between them.
-    gap = np.radians(lidar.beam_step_deg)
-    rows = np.minimum(rows, config.person_height_m / distance_m / gap + 1)
-    points = rows * config.person_width_m / distance_m / np.radians(lidar.azimuth_step_deg)
-    enough = np.flatnonzero(points >= config.person_points)
-    return float(distance_m[enough[-1]]) if len(enough) else 0.0
+    beams = np.array(lidar.beams_deg)
+    level = beams[np.abs(beams) < _LEVEL_DEG]  # people far away are seen there
+    gap_deg = float(np.median(np.diff(level))) if len(level) > 2 else lidar.beam_step_deg
+    # A person at distance r spans height / (r gap) beams and width / (r step) columns, on average.
+    area_m2 = config.person_width_m * config.person_height_m / config.person_points
+    return float(np.sqrt(area_m2 / (np.radians(gap_deg) * np.radians(lidar.azimuth_step_deg))))
 
 
 def differences(cards: Mapping[str, SensorCard]) -> tuple[str, ...]:
@@ -99,7 +95,7 @@ def _differences(name: str, cards: Mapping[str, SensorCard]) -> Iterator[str]:
     highest = [other.intensity.highest for other in lidars]
     usual = float(np.median(highest))
     if usual > 0 and lidar.intensity.highest > _SCALE_RATIO * usual:
-        yield f"{name}: intensities reach {lidar.intensity.highest:g}, those of other drives {usual:g}"
+        yield f"{name}: intensities reach {lidar.intensity.highest:.3g}, those of other drives {usual:.3g}"
     elif lidar.intensity.highest == 0 < min(highest):
         yield f"{name}: has no intensities, other drives have some"
     counts = {len(other.beams_deg) for other in lidars if other.beams_deg}
@@ -107,5 +103,8 @@ def _differences(name: str, cards: Mapping[str, SensorCard]) -> Iterator[str]:
         yield f"{name}: {len(lidar.beams_deg)} beams, other drives have {counts.pop()}"
     rates = [card.rate_hz for card in others if card.rate_hz is not None]
     rate = cards[name].rate_hz
-    if rate is not None and rates and abs(rate / float(np.median(rates)) - 1) > _OTHER_SHARE:
-        yield f"{name}: {rate:.1f} sweeps a second, other drives have {np.median(rates):.1f}"
+    if rate is None or not rates:
+        return
+    usual_hz = float(np.quantile(rates, 0.5, method="higher"))
+    if abs(rate / usual_hz - 1) > _OTHER_SHARE:
+        yield f"{name}: {rate:.1f} sweeps a second, other drives have {usual_hz:.1f}"

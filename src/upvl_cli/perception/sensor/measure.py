@@ -17,7 +17,13 @@ from upvl_cli.perception.sensor.config import SensorConfig
 from upvl_cli.perception.sensor.coverage import find_car, hidden_sectors, scene_changes
 from upvl_cli.perception.sensor.intensity import measure_intensity
 from upvl_cli.perception.sensor.origin import beam_contrast, elevations_deg, find_origin
-from upvl_cli.perception.sensor.turn import Sense, azimuths_deg, column_step_deg, field_of_view_deg, sense_of_turn
+from upvl_cli.perception.sensor.turn import (
+    Sense,
+    azimuths_deg,
+    column_step_deg,
+    field_of_view_deg,
+    sense_of_turn,
+)
 from upvl_cli.types import Array, Camera, Floats, Points
 
 _GAP = 1.5  # a step of more than this many usual ones is a gap
@@ -28,7 +34,7 @@ _POINT_STEP = 20  # of the points whose share a camera sees
 
 
 @dataclass(frozen=True)
-class _Sweep:
+class _LidarSweep:
     """The points of one LiDAR in one sweep, without those that are no numbers.
 
     Attributes:
@@ -87,7 +93,8 @@ def _lidar(sample: DriveSample, number: int, road_z_m: float, config: SensorConf
     sweeps = [_sweep(sample, run[0], number) for run in runs]
     counts = [int((sample.sweep(step).sensor == number).sum()) for step in sample.steps]
     origin_m, contrast = _origin(max(sweeps, key=lambda sweep: len(sweep.xyz_m)), road_z_m, config)
-    beams_deg, step_deg = np.zeros(0), float("nan")
+    beams_deg: Floats = np.zeros(0)
+    step_deg = float("nan")
     if contrast >= config.min_beam_contrast:
         beams_deg, step_deg = _beams(sweeps, origin_m, config)
     known = len(beams_deg) > 0
@@ -116,7 +123,7 @@ def _lidar(sample: DriveSample, number: int, road_z_m: float, config: SensorConf
     )
 
 
-def _sweep(sample: DriveSample, step: int, number: int) -> _Sweep:
+def _sweep(sample: DriveSample, step: int, number: int) -> _LidarSweep:
     points = sample.sweep(step)
     points = points[(points.sensor == number) & np.isfinite(points.xyz_ego_m).all(axis=1)]
     velocity_mps = np.zeros(3)
@@ -125,10 +132,10 @@ def _sweep(sample: DriveSample, step: int, number: int) -> _Sweep:
         motion = compose(inverse(sample.world_from_ego[first]), sample.world_from_ego[first + 1])
         velocity_mps = motion[:3, 3] / sample.seconds(first, first + 1)
     shift_m = points.time_offset_ns[:, None] * 1e-9 * velocity_mps
-    return _Sweep(points.xyz_ego_m.astype(np.float64), shift_m, points)
+    return _LidarSweep(points.xyz_ego_m.astype(np.float64), shift_m, points)
 
 
-def _origin(sweep: _Sweep, road_z_m: float, config: SensorConfig) -> tuple[Floats, float]:
+def _origin(sweep: _LidarSweep, road_z_m: float, config: SensorConfig) -> tuple[Floats, float]:
     """Return the place of the LiDAR and the contrast of its beams there: the origin of the axes where that will do."""
     found, contrast = find_origin(sweep.xyz_m, sweep.shift_m, road_z_m, config.origin_points)
     if -road_z_m >= _ABOVE_ROAD_M:
@@ -139,7 +146,7 @@ def _origin(sweep: _Sweep, road_z_m: float, config: SensorConfig) -> tuple[Float
     return found, contrast
 
 
-def _beams(sweeps: Sequence[_Sweep], place_m: Floats, config: SensorConfig) -> tuple[Floats, float]:
+def _beams(sweeps: Sequence[_LidarSweep], place_m: Floats, config: SensorConfig) -> tuple[Floats, float]:
     """Return the elevations of the beams and the step between columns; none and NaN where they cannot be told."""
     ordered, elevations, azimuths = [], [], []
     for sweep in sweeps:
@@ -159,7 +166,7 @@ def _beams(sweeps: Sequence[_Sweep], place_m: Floats, config: SensorConfig) -> t
     return beams_deg, column_step_deg(azimuths[0], elevations[0], beams_deg)
 
 
-def _sense(sweeps: Sequence[_Sweep], place_m: Array) -> Sense:
+def _sense(sweeps: Sequence[_LidarSweep], place_m: Array) -> Sense:
     """Return the sense of the turn by the times of the points, else by their order in the file."""
     for sweep in sweeps:
         azimuth = azimuths_deg(sweep.xyz_m, place_m)

@@ -13,7 +13,13 @@ _X_M, _Y_M = np.arange(-1.5, 4.1, 0.25), np.arange(-1.0, 1.1, 1.0)
 _HEIGHT_M, _MAX_HEIGHT_M, _HEIGHT_STEP_M = 0.4, 4.5, 0.05
 _NEAR_M = 2.5  # nearer lies the car itself
 _COARSE_DEG, _STARTS = 0.1, 3
-_REFINE = ((0.1, 0.2), (0.1, 0.1), (0.1, 0.04), (0.05, 0.02), (0.05, 0.01))  # bins in degrees, steps in metres
+_REFINE = (
+    (0.1, 0.2),
+    (0.1, 0.1),
+    (0.1, 0.04),
+    (0.05, 0.02),
+    (0.05, 0.01),
+)  # bins in degrees, steps in metres
 _MAX_MOVES = 40
 
 
@@ -65,13 +71,16 @@ def find_origin(xyz_m: Array, shift_m: Array, road_z_m: float, max_points: int) 
         return np.zeros(3), 1.0
     far = rays[distance_m >= np.quantile(distance_m, 1 - _FAR_SHARE)]
     heights = np.arange(_HEIGHT_M, _MAX_HEIGHT_M, _HEIGHT_STEP_M) + road_z_m
-    coarse = sorted(((_contrast(far, np.array([1.0, 0.0, z]), _COARSE_DEG), z) for z in heights), reverse=True)
+    coarse = sorted(
+        ((_contrast(far, np.array([1.0, 0.0, z]), _COARSE_DEG), z) for z in heights), reverse=True
+    )
     starts = [np.zeros(3)] if -road_z_m >= _HEIGHT_M else []
     for _, z in coarse[:_STARTS]:
         places = [np.array([x, y, z]) for x in _X_M for y in _Y_M]
         starts.append(places[int(np.argmax([_contrast(rays, place, _COARSE_DEG) for place in places]))])
     found = []
-    for place in starts:
+    for start in starts:
+        place: Floats = start
         for bin_deg, step_m in _REFINE:
             place = _climb(rays, place, bin_deg, step_m, road_z_m + _HEIGHT_M)
         found.append((_contrast(rays, place, _REFINE[-1][0]), *place))

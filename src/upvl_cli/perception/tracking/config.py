@@ -72,7 +72,9 @@ class TrackerConfig(Config):
         le=3600,
     )
     min_coast_frames: int = setting(
-        "sweeps for which a track goes on without a box, where that is longer than `max_coast_s`", ge=1, le=100
+        "sweeps for which a track goes on without a box, where that is longer than `max_coast_s`",
+        ge=1,
+        le=100,
     )
     min_gap_frames: int = setting(
         "sweeps between the end of a track and the start of another that are joined, where that is longer than "
