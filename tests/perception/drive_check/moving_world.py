@@ -38,9 +38,9 @@ def street() -> Array:
         x = -60.0
         while x < 110:
             width, setback = rng.uniform(5, 12), rng.uniform(9, 13)
-            front = rng.uniform((x, side * setback, 0), (x + width, side * setback, 6), (int(170 * width), 3))
-            flank = rng.uniform((x, side * setback, 0), (x, side * (setback + 4), 6), (500, 3))
-            parts += [front, flank]
+            front = rng.uniform((x, setback, 0), (x + width, setback + 0.01, 6), (int(170 * width), 3))
+            flank = rng.uniform((x, setback, 0), (x + 0.01, setback + 4, 6), (500, 3))
+            parts += [part * (1, side, 1) for part in (front, flank)]
             x += width + rng.uniform(0.5, 3)
     for x in np.arange(-58, 108, 7.3):
         angle, z = rng.uniform(0, 2 * np.pi, 200), rng.uniform(0, 5, 200)
