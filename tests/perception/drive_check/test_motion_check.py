@@ -106,7 +106,7 @@ def test_a_drive_without_poses() -> None:
         (TRUE[np.arange(FRAMES) // 2 * 2], "lower rate"),
         (jumped(), "jumps in 2 of 23 steps"),
         (noisy(), "rounded"),
-        (delayed(0.1), "0.10"),
+        (delayed(0.1), "late"),
         (delayed(-0.3), "early"),
         (TRUE[::-1], "opposite order"),
     ],

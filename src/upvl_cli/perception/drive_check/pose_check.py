@@ -75,13 +75,13 @@ def check_agreement(
         yield from systematic or _agreement(sample, pairs, fit, evidence, limits)
         return
     static = static_distance(survey, pairs)
-    smooth = fit_motions(pairs.between(smooth_positions(pairs, limits.smoothing_s)), pairs, limits)
-    if _is_rough(pairs, fit):
+    cause, remedy, found = name_cause(pairs, survey, limits)
+    if found is None and _is_rough(pairs, fit):
+        smooth = fit_motions(pairs.between(smooth_positions(pairs, limits.smoothing_s)), pairs, limits)
         level: Level = "fault" if smooth.share < limits.min_agreeing_share else "warning"
         words = f"steps of the path scatter by {_scatter_m(fit) * survey.unit_m:.2f} m; {static}"
         yield Finding("poses", level, words, "", evidence, "positions are rounded or noisy", REFINED)
         return
-    cause, remedy, found = name_cause(pairs, survey, limits)
     if found is not None:
         evidence += f"; {int(found.agrees.sum())} once that is mended"
     worst = np.argsort(-fit.error, kind="stable")[:3]
