@@ -76,7 +76,7 @@ def check_agreement(
         return
     static = static_distance(survey, pairs)
     cause, remedy, found = name_cause(pairs, survey, limits)
-    if found is None and _is_rough(pairs, fit):
+    if (found is None or found.share < 0.95) and _is_rough(pairs, fit):  # interpolation hides some noise
         smooth = fit_motions(pairs.between(smooth_positions(pairs, limits.smoothing_s)), pairs, limits)
         level: Level = "fault" if smooth.share < limits.min_agreeing_share else "warning"
         words = f"steps of the path scatter by {_scatter_m(fit) * survey.unit_m:.2f} m; {static}"
