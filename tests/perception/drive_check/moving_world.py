@@ -32,18 +32,18 @@ def config() -> MotionCheckConfig:
 def street() -> Array:
     """Return (n, 3) points of a street along x: road, two uneven rows of houses, poles."""
     rng = np.random.default_rng(0)
-    road = rng.uniform((-60, -9, 0), (110, 9, 0.02), (24000, 3))
+    road = rng.uniform((-60, -9, 0), (110, 9, 0.02), (12000, 3))
     parts = [road]
     for side in (-1, 1):
         x = -60.0
         while x < 110:
             width, setback = rng.uniform(5, 12), rng.uniform(9, 13)
-            front = rng.uniform((x, side * setback, 0), (x + width, side * setback, 6), (int(170 * width), 3))
-            flank = rng.uniform((x, side * setback, 0), (x, side * (setback + 4), 6), (500, 3))
-            parts += [front, flank]
+            front = rng.uniform((x, setback, 0), (x + width, setback + 0.01, 6), (int(90 * width), 3))
+            flank = rng.uniform((x, setback, 0), (x + 0.01, setback + 4, 6), (250, 3))
+            parts += [part * (1, side, 1) for part in (front, flank)]
             x += width + rng.uniform(0.5, 3)
     for x in np.arange(-58, 108, 7.3):
-        angle, z = rng.uniform(0, 2 * np.pi, 200), rng.uniform(0, 5, 200)
+        angle, z = rng.uniform(0, 2 * np.pi, 120), rng.uniform(0, 5, 120)
         y = rng.choice([-7.5, -6.5, 6.5, 7.5])
         parts.append(np.column_stack([x + 0.15 * np.cos(angle), y + 0.15 * np.sin(angle), z]))
     return np.concatenate(parts)

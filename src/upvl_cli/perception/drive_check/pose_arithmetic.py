@@ -78,7 +78,7 @@ def path_steps(frames: Sequence[Frame], world_from_ego: Array) -> PathSteps:
 def are_rigid(world_from_ego: Array) -> Bools:
     """Return (T,) whether each pose is a rotation and a translation of finite numbers."""
     rotation = np.asarray(world_from_ego, dtype=np.float64)[:, :3, :3]
-    finite = np.isfinite(world_from_ego).all(axis=(1, 2))
+    finite: Bools = np.asarray(np.isfinite(world_from_ego).all(axis=(1, 2)))
     rotation = np.where(finite[:, None, None], rotation, np.eye(3))
     skew = np.abs(rotation @ np.swapaxes(rotation, 1, 2) - np.eye(3)).max(axis=(1, 2))
     return np.asarray(finite & (skew < _SKEW) & (np.linalg.det(rotation) > 0))

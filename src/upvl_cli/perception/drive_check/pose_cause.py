@@ -74,15 +74,16 @@ def _scale_cause(scale: float, pairs: PosePairs, survey: MotionSurvey) -> tuple[
     height = abs(survey.road.height_m) / survey.unit_m if survey.road else 0.0  # in units of the points
     points_m = 1 / scale  # metres in a unit of the points, were the poses in metres
     low_m, high_m = _LIDAR_HEIGHT_M
-    if survey.unit_m != 1.0 or (height > high_m and low_m < height * points_m < high_m):
-        unit = _unit_name(points_m)
-        line = f"set metres_per_unit = {_snap(points_m):.4g} under [corrections] in raw.toml"
-        return f"points are in {unit}, not in metres", line
-    unit = _unit_name(scale)
-    return (
-        f"positions of the poses are in {unit}, not in metres",
-        f"multiply them by {_snap(scale):.4g}, or {ESTIMATED}",
-    )
+    of_points = f"points are in {_unit_name(points_m)}, not in metres"
+    of_poses = f"positions of the poses are in {_unit_name(scale)}, not in metres"
+    points_line = f"set metres_per_unit = {_snap(points_m):.4g} under [corrections] in raw.toml"
+    poses_line = f"multiply the positions by {_snap(scale):.4g}, or {ESTIMATED}"
+    if low_m < height < high_m:
+        return of_poses, poses_line
+    is_far_off = survey.unit_m < 0.1 or survey.unit_m > 10  # the range of the points is no measure of feet
+    if low_m < height * points_m < high_m or is_far_off:
+        return of_points, points_line
+    return f"one of: {of_points}; or {of_poses}", f"{points_line}, or {poses_line}"
 
 
 def _unit_name(unit_m: float) -> str:

@@ -71,22 +71,38 @@ def check_agreement(
     fit = fit_motions(pairs.given, pairs, limits)
     evidence = f"{int(fit.agrees.sum())} of {len(pairs)} pairs of sweeps agree"
     if fit.share >= limits.min_agreeing_share:
-        yield from _agreement(sample, pairs, fit, evidence, limits)
+        systematic = _systematic(pairs, survey, fit, evidence, limits)
+        yield from systematic or _agreement(sample, pairs, fit, evidence, limits)
         return
     static = static_distance(survey, pairs)
-    smooth = fit_motions(pairs.between(smooth_positions(pairs, limits.smoothing_s)), pairs, limits)
-    if _is_rough(pairs, fit):
+    cause, remedy, found = name_cause(pairs, survey, limits)
+    if (found is None or found.share < 0.95) and _is_rough(pairs, fit):  # interpolation hides some noise
+        smooth = fit_motions(pairs.between(smooth_positions(pairs, limits.smoothing_s)), pairs, limits)
         level: Level = "fault" if smooth.share < limits.min_agreeing_share else "warning"
         words = f"steps of the path scatter by {_scatter_m(fit) * survey.unit_m:.2f} m; {static}"
         yield Finding("poses", level, words, "", evidence, "positions are rounded or noisy", REFINED)
         return
-    cause, remedy, found = name_cause(pairs, survey, limits)
     if found is not None:
         evidence += f"; {int(found.agrees.sum())} once that is mended"
     worst = np.argsort(-fit.error, kind="stable")[:3]
     where = frame_list(sample.frames, np.sort(pairs.second[worst]))
     words = f"they contradict the sweeps: {_typical(pairs, survey)}; {static}"
     yield Finding("poses", "fault", words, f"most in {where}", evidence, cause, remedy)
+
+
+def _systematic(
+    pairs: PosePairs, survey: MotionSurvey, fit: PoseFit, evidence: str, limits: MotionLimitsConfig
+) -> list[Finding]:
+    """Return a fault where errors within the tolerance are not noise: a cause explains them clearly better."""
+    size_m = np.hypot(fit.offset_m[fit.agrees, 0], fit.offset_m[fit.agrees, 1])
+    speed_mps = float(np.median(size_m / pairs.dt_s[fit.agrees])) * pairs.unit_m
+    if speed_mps < limits.roughness_mps:
+        return []
+    cause, remedy, found = name_cause(pairs, survey, limits)
+    if found is None or not cause:
+        return []
+    words = f"their steps differ from the sweeps by {speed_mps:.2f} m/s, and not by chance: {_typical(pairs, survey)}"
+    return [Finding("poses", "fault", words, "", evidence, cause, remedy)]
 
 
 def _typical(pairs: PosePairs, survey: MotionSurvey) -> str:

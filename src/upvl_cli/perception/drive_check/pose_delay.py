@@ -43,7 +43,7 @@ def estimate_delay(pairs: PosePairs, limits: MotionLimitsConfig) -> PoseDelay | 
     """
     if len(pairs) < _MIN_PAIRS or len(pairs.times_ns) < _MIN_PAIRS:
         return None
-    delay_s, sigma_s = 0.0, np.inf
+    delay_s, sigma_s, step_s = 0.0, np.inf, 0.0
     half_s = float(np.median(pairs.dt_s)) / 2
     for _ in range(_ROUNDS):
         error = _errors(pairs.after(delay_s), pairs)
@@ -56,10 +56,13 @@ def estimate_delay(pairs: PosePairs, limits: MotionLimitsConfig) -> PoseDelay | 
         information = float((weight * slope**2).sum())
         if information <= 0:
             return None
-        delay_s -= float((weight * slope * error).sum()) / information
+        step_s = float((weight * slope * error).sum()) / information
+        delay_s -= step_s
         sigma_s = _spread(weight * slope * error, pairs) / information
         if abs(delay_s) > limits.max_delay_s:
             return None
+    if abs(step_s) > 0.01:  # not converged: no minimum that counts
+        return None
     return PoseDelay(delay_s, sigma_s) if limits.sigmas * sigma_s < limits.max_delay_s else None
 
 
