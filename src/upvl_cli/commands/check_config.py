@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from upvl_cli.config.base import Config, setting, table
 from upvl_cli.perception.drive_check.camera_config import CamerasConfig
+from upvl_cli.perception.drive_check.label_config import LabelCheckConfig
 
 
 @dataclass(frozen=True)
@@ -23,3 +24,4 @@ class CheckConfig(Config):
     sample: SampleConfig = table("Sweeps of a drive that are looked at.")
     quick: SampleConfig = table("Sweeps that the quick part looks at, which `autolabel` asks first.")
     camera: CamerasConfig = table("Cameras and their pictures.")
+    labels: LabelCheckConfig = table("Human labels, where `check` is asked for them.")

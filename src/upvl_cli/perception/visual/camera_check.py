@@ -114,6 +114,12 @@ class CalibrationOffset:
         return self.is_doubtful and self.gain_sigmas > self.config.gain_sigmas
 
     @property
+    def is_large(self) -> bool:
+        """Whether the offset is beyond what the search finds reliably: 1.5 typical rotations, three translations."""
+        limits = typical_faults(self.config)[:6] * [1.5, 1.5, 1.5, 3, 3, 3]
+        return bool((np.abs(self.vector[:6]) > limits).any())
+
+    @property
     def is_doubtful(self) -> bool:
         """Whether the best offset is beyond the tolerances, however unclear it is that pictures agree better."""
         return self._sigmas_beyond(self.vector, tolerances(self.config)) > self.config.fault_sigmas
