@@ -56,8 +56,8 @@ def check_drive(context: typer.Context, segment: OneSegment = None) -> None:
         workspace.check_name(name, workspace.segments)
         print(name)
         for finding in check(workspace, name):
-            print(f"  {'FAULT ' if finding.faulty else ''}{finding}")
-            faulty += [f"{name}: {finding}"] if finding.faulty else []
+            print(f"  {'FAULT ' if finding.is_fault else ''}{finding.sentence}")
+            faulty += [f"{name}: {finding.sentence}"] if finding.is_fault else []
     if faulty:
         raise BadInput(f"{len(faulty)} faults found, the first: {faulty[0]}")
 

@@ -20,6 +20,7 @@ from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.types import Array, Bools, Boxes, Floats, Ints, Labels
 
 _VEHICLE, _CYCLIST = 1, 4  # types whose heading is the way that they drive
+_LARGEST_RAD = 4 * np.pi
 _SMALLEST_M, _LARGEST_M = 0.05, 60.0  # a ball, and a train
 
 
@@ -63,12 +64,24 @@ def check_labels(labels: Labels, sample: DriveSample, config: LabelCheckConfig) 
     yield from sizes
     if not len(labels) or any(finding.is_fault for finding in sizes):
         return
-    yield from _points_inside(labels, sample, config)
-    yield from _tracks(labels, sample, config)
+    inside = list(_points_inside(labels, sample, config))
+    yield from inside
+    if not any(finding.is_fault for finding in inside):
+        yield from _tracks(labels, sample, config)
 
 
 def _sizes(labels: Labels) -> Iterator[Finding]:
     """Yield a finding where sizes or headings are no sizes or headings."""
+    large = np.abs(labels.heading_rad) > _LARGEST_RAD
+    if large.any():
+        yield Finding(
+            "labels",
+            "fault",
+            f"{int(large.sum())} of {len(labels)} headings are larger than two turns",
+            where=f"frame {labels.frame[np.argmax(large)]}",
+            cause="headings are in degrees, expected radians",
+            remedy="divide headings by 57.2958",
+        )
     bad = ~np.isfinite(labels.to_rows()).all(axis=1)
     bad |= (labels.size_lwh_m < _SMALLEST_M).any(axis=1) | (labels.size_lwh_m > _LARGEST_M).any(axis=1)
     if bad.any():
@@ -121,7 +134,10 @@ def _points_inside(labels: Labels, sample: DriveSample, config: LabelCheckConfig
             remedy="draw a frame with its labels: upvl draw",
         )
     else:
+        mirrored = fit.shares(lambda boxes, step: replace(boxes, heading_rad=-boxes.heading_rad))
+        blind = share - float(mirrored[best_near].mean()) < config.better_share
         text = f"boxes hold {share:.0%} of the points above the road around them"
+        text += "; headings that turn the other way would not show" if blind else ""
         yield Finding("labels", "ok", text, evidence=evidence)
 
 
@@ -171,9 +187,7 @@ def replace_velocity(labels: Labels) -> Labels:
     return replace(labels, velocity_mps=np.full((len(labels), 3), np.nan))
 
 
-def _headings(
-    labels: Labels, moved: Array, driving: Bools, config: LabelCheckConfig
-) -> Iterator[Finding]:
+def _headings(labels: Labels, moved: Array, driving: Bools, config: LabelCheckConfig) -> Iterator[Finding]:
     """Yield a finding where things drive backwards or sideways."""
     objects = np.unique(labels.object_id[driving])
     if len(objects) < 2:
@@ -197,9 +211,7 @@ def _headings(
             )
 
 
-def _velocities(
-    labels: Labels, moved: Array, driving: Bools, config: LabelCheckConfig
-) -> Iterator[Finding]:
+def _velocities(labels: Labels, moved: Array, driving: Bools, config: LabelCheckConfig) -> Iterator[Finding]:
     """Yield a finding where velocities contradict places."""
     both = driving & np.isfinite(labels.velocity_mps[:, :2]).all(axis=1)
     if len(np.unique(labels.object_id[both])) < 2:

@@ -10,25 +10,24 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from upvl_cli.commands.check import image_sweep_pairs, sample_frames
+from upvl_cli.commands.check import sample_drive
 from upvl_cli.commands.check_config import CheckConfig
 from upvl_cli.config.toml import load
 from upvl_cli.datasets.kitti.dataset import Kitti
 from upvl_cli.geometry.camera import project, rays
-from upvl_cli.perception.visual.camera_check import (
-    CalibrationOffset,
+from upvl_cli.perception.drive_check.cameras import camera_steps, image_sweep_pairs
+from upvl_cli.perception.visual.camera_check import CalibrationOffset, ImageSweepPair, estimate_offset
+from upvl_cli.perception.visual.edge_agreement import (
     EdgeAgreement,
-    ImageSweepPair,
     downsample,
     downsample_camera,
     edge_strength,
-    estimate_offset,
 )
 from upvl_cli.perception.visual.outlines import LEFT, RIGHT, TOP, Outlines, _sample_spacing, detect_outlines
 from upvl_cli.types import Array, Camera, concat
 
 CHECK = load(CheckConfig, Path(__file__).parents[3] / "stages" / "check.toml")
-CONFIG = CHECK.camera
+CONFIG = CHECK.camera.calibration
 CAMERA = Camera(
     name="front",
     width_px=480,
@@ -172,7 +171,9 @@ def agreement(blur_px: float = 3.0, pairs: int = 3) -> EdgeAgreement:
         detect_outlines(CAMERA, pair.xyz_ego_m, number, CONFIG.outline) for number, pair in enumerate(seen)
     ]
     strengths = np.stack([edge_strength(downsample(pair.rgb, 1), CONFIG.edge_noise) for pair in seen])
-    return EdgeAgreement(CAMERA, concat(parts, Outlines), strengths, blur_px, CONFIG)
+    return EdgeAgreement(
+        CAMERA, concat(parts, Outlines), strengths, blur_px, scene=np.arange(pairs), config=CONFIG
+    )
 
 
 def test_the_gradient_of_the_loss_is_its_slope() -> None:
@@ -208,7 +209,9 @@ def test_a_side_is_compared_with_edges_across_it_alone() -> None:
     for channel, sides in ((0, (LEFT, RIGHT)), (1, (TOP,))):
         strengths = np.zeros((1, 2, CAMERA.height_px, CAMERA.width_px), np.float32)
         strengths[:, channel] = 1
-        value, _ = EdgeAgreement(CAMERA, fitted.outlines, strengths, 1.0, CONFIG).evaluate(np.zeros(6))
+        value, _ = EdgeAgreement(
+            CAMERA, fitted.outlines, strengths, 1.0, scene=np.zeros(1, int), config=CONFIG
+        ).evaluate(np.zeros(6))
         assert (value > 0)[np.isin(fitted.outlines.side, sides)].mean() > 0.9
         assert not value[~np.isin(fitted.outlines.side, sides)].any()
 

@@ -22,10 +22,10 @@ class LabelCheckConfig(Config):
     better_share: float = setting(
         "another meaning of the labels puts at least this much more of the points inside", ge=0, le=1
     )
-    better_sigmas: float = setting(
-        "standard deviations between objects by which it does so", ge=0, le=100
-    )
+    better_sigmas: float = setting("standard deviations between objects by which it does so", ge=0, le=100)
     low_share: float = setting("less than this share of the points inside is suspicious", ge=0, le=1)
-    min_speed_mps: float = setting("objects that move at least this fast show a direction", "m/s", gt=0, le=100)
+    min_speed_mps: float = setting(
+        "objects that move at least this fast show a direction", "m/s", gt=0, le=100
+    )
     max_speed_mps: float = setting("no object moves faster", "m/s", gt=0, le=1000)
     many: float = setting("share of objects or steps from which on a contradiction is a warning", gt=0, le=1)
