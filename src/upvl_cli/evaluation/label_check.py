@@ -12,7 +12,6 @@ from upvl_cli.datasets.label_registry import label_source
 from upvl_cli.datasets.shared.tracks import velocities_of_tracks
 from upvl_cli.evaluation.label_fit import BoxFit
 from upvl_cli.evaluation.label_meanings import label_meanings
-from upvl_cli.geometry.se3 import apply
 from upvl_cli.perception.drive_check.finding import Finding
 from upvl_cli.perception.drive_check.label_config import LabelCheckConfig
 from upvl_cli.perception.drive_check.sample import DriveSample

@@ -17,7 +17,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from upvl_cli.geometry.se3 import inverse
 from upvl_cli.perception.visual.config import CameraCheckConfig
 from upvl_cli.perception.visual.edge_agreement import (
     PARAMETERS,
