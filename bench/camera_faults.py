@@ -16,25 +16,26 @@ import argparse
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from upvl_cli.commands.drive_check import sample_drive
 from upvl_cli.commands.check_config import CheckConfig
 from upvl_cli.config.toml import load
 from upvl_cli.datasets.registry import dataset_family
 from upvl_cli.geometry.se3 import inverse
 from upvl_cli.perception.drive_check.cameras import check_cameras
 from upvl_cli.perception.drive_check.finding import Finding
-from upvl_cli.perception.drive_check.sample import DriveSample, spread_runs
+from upvl_cli.perception.drive_check.sample import DriveSample
 from upvl_cli.synthetic.config import CityConfig
 from upvl_cli.synthetic.dataset import City
 from upvl_cli.types import Array, Camera, Drive, Image, Points
 
 STAGES = Path(__file__).parents[1] / "stages"
-CONFIG = load(CheckConfig, STAGES / "check.toml").camera
+CHECK = load(CheckConfig, STAGES / "check.toml")
+CONFIG = CHECK.camera
 OPTICAL_FROM_BODY = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
 
 Spoil = Callable[[DriveSample], DriveSample]
@@ -200,24 +201,16 @@ CAMERA_FAULTS = {
 
 def sample_of(drive: Drive) -> DriveSample:
     """Return the sample of a drive that the check takes."""
-    frames = drive.frames
-    config = load(CheckConfig, STAGES / "check.toml").sample
-    return DriveSample(
-        frames=frames,
-        world_from_ego=drive.world_from_ego,
-        ground_z_m=drive.ground_z_m,
-        cameras=drive.cameras,
-        runs=spread_runs(len(frames), config.runs, config.sweeps),
-        sweep=lru_cache(100)(lambda step: drive.points(frames[step].index)),
-        picture=lru_cache(1000)(lambda step, name: drive.image(frames[step].index, name)),
-    )
+    return sample_drive(drive, drive.world_from_ego, CHECK.sample)
 
 
 def drive_of(name: str) -> Drive:
     """Return the first drive of dataset=folder, or of the built-in city of a seed."""
     dataset, _, where = name.partition("=")
     if dataset == "synthetic":
-        return City(load(CityConfig, STAGES / "synthetic.toml", {"seed": int(where), "train": 1})).open("train-000")
+        return City(load(CityConfig, STAGES / "synthetic.toml", {"seed": int(where), "train": 1})).open(
+            "train-000"
+        )
     opened = dataset_family(dataset).open(Path(where), None)
     return opened.open(opened.segments[0])
 

@@ -9,17 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from upvl_cli.commands.check import (
-    Finding,
-    _errors,
-    _fault_in_words,
-    check_drive,
-    image_sweep_pairs,
-    sample_frames,
-)
+from upvl_cli.commands.drive_check import check_drive, sample_drive
 from upvl_cli.commands.check_config import CheckConfig
 from upvl_cli.config.toml import load
 from upvl_cli.geometry.se3 import apply, inverse
+from upvl_cli.perception.drive_check.calibration_words import fault_in_words, offsets_in_words
+from upvl_cli.perception.drive_check.cameras import camera_steps, image_sweep_pairs
+from upvl_cli.perception.drive_check.finding import Finding
 from upvl_cli.perception.visual.camera_check import CalibrationOffset
 from upvl_cli.types import Array, Camera, Frame, Image, Points
 
@@ -35,6 +31,7 @@ CAMERA = Camera(
     ),
 )
 STEP_NS = 100_000_000
+GREY = np.random.default_rng(0).integers(0, 255, (20, 40, 3), dtype=np.uint8)
 SPEED_MPS, TURN_RADPS = 10.0, 0.3
 TREES_M = np.array([[30.0, 5.0, 0.0], [40.0, -5.0, 1.0]])  # in the axes of the world
 
@@ -62,6 +59,7 @@ class TinyDrive:
     delay_ns: int = 0
     without: frozenset[int] = frozenset()
     size: tuple[int, int] = (20, 40)
+    frozen: bool = False
 
     @property
     def world_from_ego(self) -> Array:
@@ -74,7 +72,8 @@ class TinyDrive:
     def image(self, frame: int, camera: str) -> Image | None:
         if frame in self.without:
             return None
-        return Image(np.zeros((*self.size, 3), np.uint8), frame * STEP_NS + self.delay_ns)
+        shown = GREY if self.frozen else np.roll(GREY, frame, axis=1)
+        return Image(shown[: self.size[0], : self.size[1]], frame * STEP_NS + self.delay_ns)
 
 
 def findings(drive: TinyDrive) -> list[Finding]:
@@ -89,49 +88,48 @@ WRONG = {
     "size": (TinyDrive(size=(10, 20)), "20 x 10 pixels, expected 40 x 20"),
     "late": (TinyDrive(delay_ns=-250_000_000), "0.25 s from its sweep"),
     "times": (TinyDrive(frames=(Frame(0, 5), Frame(1, 5))), "frame 1 is not later"),
-    "blind": (TinyDrive(without=frozenset(range(5))), "no picture in 5 of 5 frames"),
+    "frozen": (TinyDrive(frozen=True), "the same picture again while the car goes on"),
+    "blind": (TinyDrive(without=frozenset(range(5))), "no picture in 4 of 4 frames"),
 }
 
 
 @pytest.mark.parametrize(("drive", "text"), WRONG.values(), ids=WRONG)
 def test_what_is_wrong_is_said_once(drive: TinyDrive, text: str) -> None:
-    faulty = [str(finding) for finding in findings(drive) if finding.faulty]
+    faulty = [finding.sentence for finding in findings(drive) if finding.is_fault]
     assert len(faulty) == 1 and text in faulty[0]
 
 
 def test_gaps_are_told_but_are_no_fault() -> None:
     drive = TinyDrive(skipped={"no sweep": 3}, without=frozenset({2}))
-    texts = {str(finding): finding.faulty for finding in findings(drive)}
-    assert texts == {
-        "drive: 3 left out: no sweep": False,
-        "front: no picture in 1 of 5 frames looked at": False,
-        "front: too few outlines in 4 pictures to check the calibration": False,
-    }
+    texts = [finding.text for finding in findings(drive)]
+    assert texts[:2] == ["3 left out: no sweep", "no picture in 1 of 4 frames looked at"]
+    assert not any(finding.is_fault for finding in findings(replace(drive, frozen=False)))
 
 
 @pytest.mark.parametrize("delay_ns", [-30_000_000, 0, 40_000_000])
 def test_a_sweep_is_moved_to_the_time_of_the_picture(delay_ns: int) -> None:
     drive = TinyDrive(delay_ns=delay_ns)
-    seen = {frame: drive.image(frame.index, "front") for frame in sample_frames(drive, CONFIG)}
-    images = {frame: image for frame, image in seen.items() if image}
-    moved = list(image_sweep_pairs(drive, images, drive.world_from_ego))
-    assert len(moved) == 5  # the first and the last lie before and after all poses
-    for frame, view in zip(drive.frames, moved, strict=True):
+    sample = sample_drive(drive, drive.world_from_ego, CONFIG.sample)
+    images = {step: sample.picture(step, "front") for step in camera_steps(sample, CONFIG.camera)}
+    moved = list(image_sweep_pairs(sample, images))
+    assert len(moved) == 4  # the first lies before all poses
+    for frame, view in zip(drive.frames, moved, strict=False):
         there = apply(inverse(pose(frame.time_ns + delay_ns)), TREES_M)
         np.testing.assert_allclose(view.xyz_ego_m, there, atol=0.01)  # the point of the other LiDAR is gone
-    still = list(image_sweep_pairs(drive, images, None))
+        np.testing.assert_allclose(view.velocity_mps[0], SPEED_MPS, atol=0.01)
+        np.testing.assert_allclose(view.turn_radps, [0, 0, TURN_RADPS], atol=1e-6)
+    still = list(image_sweep_pairs(replace(sample, world_from_ego=None), images))
     np.testing.assert_allclose(still[1].xyz_ego_m, drive.points(1).xyz_ego_m[:2])
 
 
 def test_a_drive_without_cameras_has_nothing_to_check() -> None:
-    assert [str(finding) for finding in findings(TinyDrive(cameras=()))] == ["drive: has no camera"]
+    assert [finding.text for finding in findings(TinyDrive(cameras=()))] == ["the drive has no camera"]
 
 
 def test_frames_are_spread_over_the_drive() -> None:
     drive = TinyDrive(frames=tuple(Frame(number, number) for number in range(100)), cameras=(CAMERA,) * 5)
-    picked = [frame.index for frame in sample_frames(drive, CONFIG)]
+    picked = camera_steps(sample_drive(drive, None, CONFIG.sample), CONFIG.camera)
     assert len(picked) == 12 and picked[0] == 0 and picked[-1] == 99
-    assert np.ptp(np.diff(picked)) <= 1
 
 
 @pytest.mark.parametrize(("cameras", "frames"), [(1, 20), (4, 15), (20, 8)])
@@ -139,21 +137,46 @@ def test_pictures_are_shared_by_the_cameras(cameras: int, frames: int) -> None:
     drive = TinyDrive(
         frames=tuple(Frame(number, number) for number in range(100)), cameras=(CAMERA,) * cameras
     )
-    assert len(sample_frames(drive, CONFIG)) == frames
+    assert len(camera_steps(sample_drive(drive, None, CONFIG.sample), CONFIG.camera)) == frames
+
+
+def offset(error: Array, sigma: Array) -> CalibrationOffset:
+    return CalibrationOffset(
+        vector=error,
+        covariance=np.diag(sigma**2),
+        gain_sigmas=9.0,
+        fault_gains=np.full(7, 9.0),
+        chance_sigmas=9.0,
+        scenes=10,
+        outlines=500,
+        has_delay=True,
+        config=CONFIG.camera.calibration,
+    )
 
 
 def test_an_error_is_named_by_the_axes_that_are_clearly_off() -> None:
-    sigma = np.array([*np.deg2rad([0.1, 0.1, 0.1]), 0.01, 0.01, 0.01])
-    error = np.array([0, np.deg2rad(0.5), np.deg2rad(0.15), 0, 0.05, 0.009])
-    found = CalibrationOffset(error, np.diag(sigma**2), 500, CONFIG.camera)
-    assert list(_errors(found)) == [
+    sigma = np.array([*np.deg2rad([0.1, 0.1, 0.1]), 0.01, 0.01, 0.01, 0.01])
+    error = np.array([0, np.deg2rad(0.5), np.deg2rad(0.15), 0, 0.05, 0.009, 0])
+    assert list(offsets_in_words(offset(error, sigma))) == [
         "rotated by 0.50 +- 0.10 degrees about its y axis (downwards)",
         "moved by 5.0 +- 1.0 cm along its y axis (downwards)",
     ]
-    small = CalibrationOffset(error / 100, np.diag(sigma**2), 500, CONFIG.camera)
-    assert len(list(_errors(small))) == 1, "the clearest one at least"
+    assert not list(offsets_in_words(offset(error, 6 * sigma))), "none within its own uncertainty"
+
+
+def test_a_delay_and_a_mounting_that_look_alike_are_both_named() -> None:
+    sigma = np.array([*np.deg2rad([0.1, 0.1, 0.1]), 0.01, 0.01, 0.01, 0.005])
+    late = offset(np.array([0, 0, 0, 0, 0, 0, 0.05]), sigma)
+    assert late.is_fault and late.explained_by_delay and not late.explained_by_mounting
+    turned = offset(np.array([0.02, 0, 0, 0, 0, 0, 0]), sigma)
+    assert turned.is_fault and turned.explained_by_mounting and not turned.explained_by_delay
 
 
 def test_faults_that_would_be_missed_are_told_in_words() -> None:
-    assert [_fault_in_words(axis, CONFIG) for axis in (0, 5)] == ["1 degree about x", "5 cm along z"]
-    assert _fault_in_words(1, replace(CONFIG, fault_deg=0.5)) == "0.5 degrees about y"
+    config = CONFIG.camera.calibration
+    assert [fault_in_words(axis, config) for axis in (0, 5, 6)] == [
+        "1 degree about x",
+        "5 cm along z",
+        "a delay of 50 ms",
+    ]
+    assert fault_in_words(1, replace(config, fault_deg=0.5)) == "0.5 degrees about y"

@@ -11,6 +11,7 @@ from upvl_cli.perception.drive_check.motion_config import MotionCheckConfig
 from upvl_cli.perception.drive_check.points_check import PointsCheckConfig
 from upvl_cli.perception.drive_check.units_check import UnitsCheckConfig
 from upvl_cli.perception.sensor.config import SensorConfig
+from upvl_cli.perception.drive_check.label_config import LabelCheckConfig
 
 
 @dataclass(frozen=True)
@@ -33,3 +34,4 @@ class CheckConfig(Config):
     points: PointsCheckConfig = table("What sweeps may hold.")
     units: UnitsCheckConfig = table("What points in metres look like.")
     clock: ClockCheckConfig = table("What the times of sweeps may do.")
+    labels: LabelCheckConfig = table("Human labels, where `check` is asked for them.")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from upvl_cli.commands.check_config import CheckConfig
+from upvl_cli.commands.check_config import CheckConfig, SampleConfig
 from upvl_cli.config.toml import load
 from upvl_cli.errors import UpvlError
 from upvl_cli.perception.drive_check.cameras import check_cameras
@@ -37,20 +37,6 @@ if TYPE_CHECKING:
 
 _VERSION = 1  # raised by hand when a check finds other things on equal drives
 _SWEEPS_AT_HAND, _PICTURES_AT_HAND = 48, 64  # a sweep holds some 5 MB, a picture 1.5 MB
-
-Part = Callable[[DriveSample, CheckConfig], Iterator[Finding]]
-
-
-# In the order in which they are asked. The quick part has those that need seconds.
-PARTS: tuple[Part, ...] = (
-    lambda sample, config: check_completeness(sample),
-    lambda sample, config: check_clock(sample, config.clock),
-    lambda sample, config: check_points(sample, config.points),
-    lambda sample, config: check_units(sample, config.units),
-    lambda sample, config: check_motion(sample, config.motion),
-)
-QUICK_PARTS: tuple[Part, ...] = PARTS
-
 
 @dataclass(frozen=True)
 class CheckReport:
@@ -87,7 +73,8 @@ def check_segment(workspace: Workspace, segment: str, *, quick: bool) -> CheckRe
     """Check one drive.
 
     Args:
-        workspace: Names the dataset, and holds check.toml.
+        workspace: Names the dataset, and holds check.toml; the cameras of a drive without poses are checked with those
+            of `odometry`, where they were made.
         segment: Name of the drive.
         quick: Whether to look only at what shows in seconds.
 
@@ -95,31 +82,51 @@ def check_segment(workspace: Workspace, segment: str, *, quick: bool) -> CheckRe
         BadInput: The drive cannot be read.
     """
     config = load(CheckConfig, workspace.stages / "check.toml")
-    sample = take_sample(workspace.drive(segment), config, quick=quick)
-    if quick:
-        return CheckReport(segment, tuple(_findings(QUICK_PARTS, sample, config)))
-    card = measure_sensor(sample, config.sensor)
-    found = [*_findings(PARTS, sample, config), *_from_card(card, config)]
-    # Where points, poses or axes are wrong, cameras would be blamed for it.
-    if not any(finding.is_fault for finding in found):
-        found += check_cameras(replace(sample, world_from_ego=_best_poses(workspace, segment)), config.camera)
-    return CheckReport(segment, tuple(found), card)
-
-
-def _best_poses(workspace: Workspace, segment: str) -> Array | None:
-    """Return the poses of a drive, or those that `odometry` made of it; None where there are neither."""
     drive = workspace.drive(segment)
-    path = workspace.shard("odometry", segment)
-    if drive.world_from_ego is not None or not path.is_file():
-        return drive.world_from_ego
-    table = Table(path, OdometryRow)
-    is_same = table.frames == tuple(frame.index for frame in drive.frames)
-    return np.array([row.world_from_ego for row in table]) if is_same else None
+    if quick:
+        sample = sample_drive(drive, drive.world_from_ego, config.quick)
+        return CheckReport(segment, tuple(_quick_findings(sample, config)))
+    return check_drive(drive, _best_poses(workspace, segment), config)
 
 
-def _findings(parts: Sequence[Part], sample: DriveSample, config: CheckConfig) -> Iterator[Finding]:
-    for part in parts:
-        yield from part(sample, config)
+def check_drive(drive: Drive, poses: Array | None, config: CheckConfig) -> CheckReport:
+    """Check all of a drive.
+
+    Args:
+        drive: The drive.
+        poses: (T, 4, 4) the best known poses of its frames, by which pictures and sweeps are brought together.
+        config: Settings.
+    """
+    sample = sample_drive(drive, drive.world_from_ego, config.sample)
+    found = list(_sweep_findings(sample, config, is_quick=False))
+    if _has_fault(found, "clock", "points"):
+        return CheckReport(drive.name, tuple(found))
+    card = measure_sensor(sample, config.sensor)
+    found += _from_card(card, config)
+    if not drive.cameras:
+        found.append(Finding("sensor", "ok", "the drive has no camera"))
+    if not _has_fault(found, "units", "axes", "poses"):  # cameras would be blamed for it
+        found += check_cameras(replace(sample, world_from_ego=poses), config.camera)
+    return CheckReport(drive.name, tuple(found), card)
+
+
+def _quick_findings(sample: DriveSample, config: CheckConfig) -> Iterator[Finding]:
+    yield from _sweep_findings(sample, config, is_quick=True)
+    yield from check_cameras_quickly(sample, config.camera)
+
+
+def _sweep_findings(sample: DriveSample, config: CheckConfig, *, is_quick: bool) -> Iterator[Finding]:
+    """Yield what is found without a picture; what would only repeat a fault is not asked."""
+    found = [*check_completeness(sample), *check_clock(sample, config.clock), *check_points(sample, config.points)]
+    yield from found
+    # Points of other numbers, or times in disorder, have neither a unit nor a motion.
+    if not _has_fault(found, "clock", "points"):
+        yield from check_units(sample, config.units)
+        yield from check_motion(sample, config.motion, is_quick=is_quick)
+
+
+def _has_fault(findings: Sequence[Finding], *subjects: str) -> bool:
+    return any(finding.is_fault and finding.subject in subjects for finding in findings)
 
 
 def _from_card(card: SensorCard, config: CheckConfig) -> Iterator[Finding]:
@@ -129,17 +136,16 @@ def _from_card(card: SensorCard, config: CheckConfig) -> Iterator[Finding]:
         yield Finding("sensor", "ok", sentence)
 
 
-def take_sample(drive: Drive, config: CheckConfig, *, quick: bool) -> DriveSample:
-    """Return the part of a drive that is looked at."""
+def sample_drive(drive: Drive, poses: Array | None, config: SampleConfig) -> DriveSample:
+    """Return a sample of a drive; sweeps and pictures are read when they are asked for."""
     frames = drive.frames
-    size = config.quick if quick else config.sample
     points, image = lru_cache(_SWEEPS_AT_HAND)(drive.points), lru_cache(_PICTURES_AT_HAND)(drive.image)
     return DriveSample(
         frames=frames,
-        world_from_ego=drive.world_from_ego,
+        world_from_ego=poses,
         ground_z_m=drive.ground_z_m,
         cameras=drive.cameras,
-        runs=spread_runs(len(frames), size.runs, size.sweeps),
+        runs=spread_runs(len(frames), config.runs, config.sweeps),
         sweep=lambda step: points(frames[step].index),
         picture=lambda step, camera: image(frames[step].index, camera),
         skipped=drive.skipped,

@@ -14,7 +14,9 @@ class PictureCheckConfig(Config):
 
     max_delay_s: float = setting("largest time between a picture and its sweep", "s", ge=0, le=100)
     many_missing: float = setting("share of missing pictures from which on labels suffer", ge=0, le=1)
-    min_pictures: int = setting("fewest pictures from which anything but their absence is said", ge=1, le=1000)
+    min_pictures: int = setting(
+        "fewest pictures from which anything but their absence is said", ge=1, le=1000
+    )
     dark: float = setting("a picture whose grey is below this nearly everywhere is black", gt=0, le=255)
     bright: float = setting("a picture whose grey is above this nearly everywhere is white", gt=0, le=255)
     min_contrast: float = setting(

@@ -42,7 +42,9 @@ def turns_of_points() -> list[tuple[Floats, str]]:
     for mirror in (False, True):
         for quarter in (1, 2, 3, 0):
             cos, sin = [(1, 0), (0, 1), (-1, 0), (0, -1)][quarter]
-            turn = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1.0]]) @ np.diag([1, -1.0 if mirror else 1, 1])
+            turn = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1.0]]) @ np.diag(
+                [1, -1.0 if mirror else 1, 1]
+            )
             turned = f"turned by {(360 - 90 * quarter) % 360} degrees about z" if quarter else ""
             words = " and ".join(part for part in ("mirrored" if mirror else "", turned) if part)
             found.append((turn, words))
@@ -90,7 +92,10 @@ def camera_hypotheses(camera: Camera, cameras: Sequence[Camera]) -> Iterator[Cam
         pose[:3, :3] = given[:3, :3] @ rotation
         yield CameraHypothesis(replace(camera, ego_from_camera=pose), *_axes_in_words(rotation))
     yield CameraHypothesis(
-        _mirrored(camera), "its pictures are mirrored, left for right", "the pictures were flipped", "flip them"
+        _mirrored(camera),
+        "its pictures are mirrored, left for right",
+        "the pictures were flipped",
+        "flip them",
     )
     for scale in _SCALES:
         intrinsic = camera.intrinsic.copy()

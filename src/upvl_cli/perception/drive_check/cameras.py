@@ -215,12 +215,15 @@ def _wrong_mounting(
     """Yield a finding where a typical mistake explains a camera, and the calibration as given does not."""
     given = view.given_sigmas if np.isfinite(view.given_sigmas) else 0.0
     cameras = [other.camera for other in views]
-    for hypotheses in (camera_hypotheses(view.camera, cameras), yaw_hypotheses(view.camera)):
+    for hypotheses, clear in (
+        (camera_hypotheses(view.camera, cameras), config.clear_sigmas),
+        (yaw_hypotheses(view.camera), config.clear_sigmas + config.better_sigmas),  # many: one fits by chance
+    ):
         if given > config.clear_sigmas - config.better_sigmas:
             return
         found = [(view.sigmas(each.camera, outlines, config), each) for each in hypotheses]
         best, explanation = max(found, key=lambda pair: pair[0])
-        if best > config.clear_sigmas and best > given + config.better_sigmas:
+        if best > clear and best > given + config.better_sigmas:
             yield Finding(
                 f"camera {view.camera.name}",
                 "fault",
@@ -236,4 +239,7 @@ def _calibration(sample: DriveSample, view: _View, config: CamerasConfig) -> Fin
     """Return the finding on the calibration and the time of a camera."""
     pairs = list(image_sweep_pairs(sample, view.pictures))
     found = estimate_offset(view.camera, pairs, config.calibration)
+    # A large offset is the nearest chance agreement of a camera that looks elsewhere, unless it looks roughly right.
+    if found is not None and found.is_large and not view.given_sigmas > config.clear_sigmas:
+        found = None
     return calibration_finding(view.camera.name, len(pairs), found, config.min_scenes)

@@ -112,7 +112,7 @@ def _frozen(
     position_m = sample.world_from_ego[steps, :3, 3]
     travel_m = np.linalg.norm(np.diff(position_m, axis=0), axis=1)
     equal = [
-        np.array_equal(seen[first].rgb, seen[second].rgb)
+        np.array_equal(seen[first].rgb, seen[second].rgb) and not picture_kind(seen[first].rgb, config)
         for first, second in zip(steps, steps[1:], strict=False)
     ]
     frozen = np.array(equal) & (travel_m > config.min_travel_m)

@@ -17,7 +17,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from upvl_cli.geometry.se3 import inverse
 from upvl_cli.perception.visual.config import CameraCheckConfig
 from upvl_cli.perception.visual.edge_agreement import (
     PARAMETERS,
@@ -112,6 +111,12 @@ class CalibrationOffset:
     def is_fault(self) -> bool:
         """Whether no calibration and time within the tolerances explain what was seen."""
         return self.is_doubtful and self.gain_sigmas > self.config.gain_sigmas
+
+    @property
+    def is_large(self) -> bool:
+        """Whether the offset is beyond what the search finds reliably: 1.5 typical rotations, three translations."""
+        limits = typical_faults(self.config)[:6] * [1.5, 1.5, 1.5, 3, 3, 3]
+        return bool((np.abs(self.vector[:6]) > limits).any())
 
     @property
     def is_doubtful(self) -> bool:
