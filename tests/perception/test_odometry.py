@@ -129,9 +129,11 @@ def without_times(sweep: object) -> dict[str, object]:
 
 
 def test_a_car_that_stands_stays() -> None:
+    """Alignment ends at steps below 2 mm; from then on nothing moves."""
     sweeps = [prepared(points_at(np.eye(4)), time_s) for time_s in TENTHS_S.tolist()]
     found = estimate_trajectory(sweeps, LIDAR, UNSMOOTHED).world_from_ego
-    np.testing.assert_allclose(found, np.broadcast_to(np.eye(4), found.shape), atol=1e-3)
+    np.testing.assert_allclose(found, np.broadcast_to(np.eye(4), found.shape), atol=2e-3)
+    assert np.abs(np.diff(found[1:, :3, 3], axis=0)).max() < 1e-4
 
 
 @pytest.mark.parametrize("count", [0, 1])

@@ -155,4 +155,4 @@ def test_given_poses_pass_through_and_others_are_estimated() -> None:
     assert given.counts == {"poses given": 3}
     rows = list(odometry.run(estimated, config))
     np.testing.assert_array_equal(rows[0].world_from_ego, np.eye(4))
-    assert estimated.counts == {"poses estimated": 3}
+    assert estimated.counts == {"poses estimated": 3, "frames placed after a gap or by a new search": 1}

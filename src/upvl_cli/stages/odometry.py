@@ -53,8 +53,12 @@ def run(inputs: Inputs, config: OdometryConfig) -> Iterator[OdometryRow]:
         inputs.count("poses given", len(path))
     else:
         path, before = _refine(inputs, given, config)
-    inputs.count("frames placed after a gap or by a new search", path.is_bridged.sum())
-    inputs.count("frames that could not be placed, poses interpolated", (~path.is_placed).sum())
+    for reason, frames in (
+        ("frames placed after a gap or by a new search", path.is_bridged),
+        ("frames that could not be placed, poses interpolated", ~path.is_placed),
+    ):
+        if frames.any():
+            inputs.count(reason, frames.sum())
     for step, frame in enumerate(drive.frames):
         yield OdometryRow(
             inputs.segment,

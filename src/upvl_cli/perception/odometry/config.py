@@ -35,7 +35,7 @@ class StructureConfig(Config):
     range_m: float = setting("half the side of the square of the ground plan that is used", "m", ge=5, le=500)
     cell_m: float = setting("cell of the ground plan in which heights are compared", "m", ge=0.1, le=10)
     min_height_m: float = setting("a cell with points so far above each other is upright", "m", ge=0.1, le=10)
-    foot_m: float = setting(
+    ground_clearance_m: float = setting(
         "points of a cell less than this above its lowest point are taken for the ground", "m", ge=0, le=5
     )
     voxel_m: float = setting("edge of the voxels of which one point each is kept", "m", ge=0.01, le=5)

@@ -137,5 +137,5 @@ def find_upright(xyz_m: Floats, config: StructureConfig) -> Bools:
     np.minimum.at(low, key[inside], z[inside])
     np.maximum.at(high, key[inside], z[inside])
     is_upright = high - low > config.min_height_m
-    found: Bools = inside & is_upright[key] & (z > low[key] + config.foot_m)
+    found: Bools = inside & is_upright[key] & (z > low[key] + config.ground_clearance_m)
     return found
