@@ -21,8 +21,8 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from upvl_cli.commands.drive_check import sample_drive
 from upvl_cli.commands.check_config import CheckConfig
+from upvl_cli.commands.drive_check import sample_drive
 from upvl_cli.config.toml import load
 from upvl_cli.datasets.registry import dataset_family
 from upvl_cli.geometry.se3 import inverse

@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-
 from upvl_cli.datasets.shared.motion_compensation import compensate
+
 from upvl_cli.geometry.path import pose_at
 from upvl_cli.geometry.se3 import from_yaw, inverse, yaw_of
 from upvl_cli.types import Array, Camera, Drive, Frame, Image, Points

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from upvl_cli.commands.drive_check import check_drive, sample_drive
 from upvl_cli.commands.check_config import CheckConfig
+from upvl_cli.commands.drive_check import sample_drive
 from upvl_cli.config.toml import load
 from upvl_cli.geometry.se3 import apply, inverse
 from upvl_cli.perception.drive_check.calibration_words import fault_in_words, offsets_in_words
-from upvl_cli.perception.drive_check.cameras import camera_steps, image_sweep_pairs
+from upvl_cli.perception.drive_check.cameras import camera_steps, check_cameras, image_sweep_pairs
 from upvl_cli.perception.drive_check.finding import Finding
 from upvl_cli.perception.visual.camera_check import CalibrationOffset
 from upvl_cli.types import Array, Camera, Frame, Image, Points
@@ -77,7 +77,7 @@ class TinyDrive:
 
 
 def findings(drive: TinyDrive) -> list[Finding]:
-    return list(check_drive(drive, drive.world_from_ego, CONFIG))
+    return list(check_cameras(sample_drive(drive, drive.world_from_ego, CONFIG.sample), CONFIG.camera))
 
 
 UNRIGID = replace(CAMERA, ego_from_camera=CAMERA.ego_from_camera * [[1, 1.01, 1, 1]])

@@ -116,7 +116,7 @@ def test_late_poses() -> None:
     delay_ns = 50_000_000
 
     def change(poses: Array) -> Array:
-        return np.array([pose_at(times_ns, poses, time_ns + delay_ns) for time_ns in times_ns])
+        return np.array([pose_at(times_ns, poses, time_ns - delay_ns) for time_ns in times_ns])
 
     corrected = correct(ChangedDrive(poses=change), replace(PLAIN, pose_delay_s=0.05))
     inner = slice(1, -1)  # beyond the ends both go on in a straight line

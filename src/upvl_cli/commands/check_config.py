@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from upvl_cli.config.base import Config, setting, table
 from upvl_cli.perception.drive_check.camera_config import CamerasConfig
 from upvl_cli.perception.drive_check.clock_check import ClockCheckConfig
+from upvl_cli.perception.drive_check.label_config import LabelCheckConfig
 from upvl_cli.perception.drive_check.motion_config import MotionCheckConfig
 from upvl_cli.perception.drive_check.points_check import PointsCheckConfig
 from upvl_cli.perception.drive_check.units_check import UnitsCheckConfig
 from upvl_cli.perception.sensor.config import SensorConfig
-from upvl_cli.perception.drive_check.label_config import LabelCheckConfig
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,7 @@ from upvl_cli.perception.drive_check.clock_check import check_clock
 from upvl_cli.perception.drive_check.completeness import check_completeness
 from upvl_cli.perception.drive_check.finding import LEVELS, Finding, Level
 from upvl_cli.perception.drive_check.motion_check import check_motion
+from upvl_cli.perception.drive_check.pictures import check_pictures
 from upvl_cli.perception.drive_check.points_check import check_own_car, check_points
 from upvl_cli.perception.drive_check.sample import DriveSample, spread_runs
 from upvl_cli.perception.drive_check.units_check import check_units
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 
 _VERSION = 1  # raised by hand when a check finds other things on equal drives
 _SWEEPS_AT_HAND, _PICTURES_AT_HAND = 48, 64  # a sweep holds some 5 MB, a picture 1.5 MB
+
 
 @dataclass(frozen=True)
 class CheckReport:
@@ -110,14 +112,31 @@ def check_drive(drive: Drive, poses: Array | None, config: CheckConfig) -> Check
     return CheckReport(drive.name, tuple(found), card)
 
 
+def _best_poses(workspace: Workspace, segment: str) -> Array | None:
+    """Return the poses of a drive, or those that `odometry` made of it; None where there are neither."""
+    drive = workspace.drive(segment)
+    path = workspace.shard("odometry", segment)
+    if drive.world_from_ego is not None or not path.is_file():
+        return drive.world_from_ego
+    table = Table(path, OdometryRow)
+    is_same = table.frames == tuple(frame.index for frame in drive.frames)
+    return np.array([row.world_from_ego for row in table]) if is_same else None
+
+
 def _quick_findings(sample: DriveSample, config: CheckConfig) -> Iterator[Finding]:
     yield from _sweep_findings(sample, config, is_quick=True)
-    yield from check_cameras_quickly(sample, config.camera)
+    for camera in sample.cameras:
+        pictures = {step: sample.picture(step, camera.name) for step in sample.steps}
+        yield from check_pictures(sample, camera, pictures, config.camera.picture)
 
 
 def _sweep_findings(sample: DriveSample, config: CheckConfig, *, is_quick: bool) -> Iterator[Finding]:
     """Yield what is found without a picture; what would only repeat a fault is not asked."""
-    found = [*check_completeness(sample), *check_clock(sample, config.clock), *check_points(sample, config.points)]
+    found = [
+        *check_completeness(sample),
+        *check_clock(sample, config.clock),
+        *check_points(sample, config.points),
+    ]
     yield from found
     # Points of other numbers, or times in disorder, have neither a unit nor a motion.
     if not _has_fault(found, "clock", "points"):

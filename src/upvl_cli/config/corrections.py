@@ -60,7 +60,11 @@ class CorrectionsConfig(Config):
         default=("x", "y", "z"),
     )
     pose_delay_s: float = setting(
-        "how much later than its time stamp each pose was measured", "s", ge=-10, le=10, default=0.0
+        "how late the poses are: one that is given for a time is that of so much earlier",
+        "s",
+        ge=-10,
+        le=10,
+        default=0.0,
     )
     picture_delay_s: float = setting(
         "how much later than its time stamp each picture was taken", "s", ge=-10, le=10, default=0.0

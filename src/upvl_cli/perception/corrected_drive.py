@@ -127,7 +127,7 @@ class CorrectedDrive:
         if config.pose_delay_s:
             times_ns = [frame.time_ns for frame in self.frames]
             delay_ns = round(config.pose_delay_s * 1e9)
-            poses = np.array([pose_at(times_ns, poses, time_ns - delay_ns) for time_ns in times_ns])
+            poses = np.array([pose_at(times_ns, poses, time_ns + delay_ns) for time_ns in times_ns])
         return self._along_ego_axes(poses)
 
     def _along_ego_axes(self, poses: Array) -> Array:

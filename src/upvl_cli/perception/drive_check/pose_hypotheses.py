@@ -100,10 +100,10 @@ def hypotheses(pairs: PosePairs, max_delay_s: float) -> Iterator[PoseHypothesis]
     upside_down = inverse(pairs.world_from_ego)
     flipped = pairs.between(upside_down)
     cause = "each pose is ego_from_world, the inverse of what is expected"
-    yield PoseHypothesis(cause, 'set poses = "inverse" under [corrections] in raw.toml', 1, flipped)
+    yield PoseHypothesis(cause, 'set poses = "ego_from_world" under [corrections] in raw.toml', 1, flipped)
     yield from _headings(pairs)
     yield from _other_axes(pairs.given, "", "")
-    yield from _other_axes(flipped, "each pose is ego_from_world, and ", 'poses = "inverse" and ')
+    yield from _other_axes(flipped, "each pose is ego_from_world, and ", 'poses = "ego_from_world" and ')
     yield from _other_order(pairs)
     yield from _delays(pairs, max_delay_s)
 
