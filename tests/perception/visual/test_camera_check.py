@@ -293,12 +293,13 @@ def test_the_covariance_is_the_sandwich_of_curvature_and_gradients_of_independen
     curvature[6, 6] = 1e-4  # the car stands: of a delay nothing is seen
     gradient = fitted.evaluate(state)[1] / count
     across = np.clip(fitted._project(np.zeros(7))[0][:, 0] / CAMERA.width_px, 0, 1 - 1e-9)
-    spread = np.zeros((7, 7))
+    spread, parts = np.zeros((7, 7)), 0
     for view in range(3):
         for strip in range(8):
             part = (outlines.view == view) & (across >= strip / 8) & (across < (strip + 1) / 8)
             spread += np.outer(gradient[part].sum(axis=0), gradient[part].sum(axis=0))
-    spread *= 24 / (24 - 7)  # few parts
+            parts += bool(part.any())
+    spread *= parts / (parts - 7)  # few parts
     spread += 1e-6 * np.eye(7)
     near = outlines.xyz_m[:, 2] < np.median(outlines.xyz_m[:, 2])
     for side, shift_px in ((LEFT, [0.5, 0]), (RIGHT, [0.5, 0]), (TOP, [0, np.deg2rad(0.1) * 360])):
