@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from upvl_cli.commands.drive_check import sample_drive
 from upvl_cli.commands.check_config import CheckConfig
+from upvl_cli.commands.drive_check import sample_drive
 from upvl_cli.config.toml import load
 from upvl_cli.datasets.kitti.dataset import Kitti
 from upvl_cli.geometry.camera import project, rays
-from upvl_cli.perception.drive_check.cameras import image_sweep_pairs
+from upvl_cli.perception.drive_check.cameras import camera_steps, image_sweep_pairs
 from upvl_cli.perception.visual.camera_check import CalibrationOffset, ImageSweepPair, estimate_offset
 from upvl_cli.perception.visual.edge_agreement import (
     EdgeAgreement,
