@@ -23,11 +23,18 @@ class SampleConfig(Config):
 
 
 @dataclass(frozen=True)
+class QuickSampleConfig(SampleConfig):
+    """Which sweeps and pictures of a drive the quick part looks at."""
+
+    pictures: int = setting("pictures of each camera that are looked at", ge=1, le=10**4)
+
+
+@dataclass(frozen=True)
 class CheckConfig(Config):
     """Settings of `check`."""
 
-    sample: SampleConfig = table("Sweeps of a drive that are looked at.")
-    quick: SampleConfig = table("Sweeps that the quick part looks at, which `autolabel` asks first.")
+    sample: SampleConfig = table("What is looked at of a drive.")
+    quick: QuickSampleConfig = table("What the quick part looks at, which `autolabel` asks first.")
     camera: CamerasConfig = table("Cameras and their pictures.")
     motion: MotionCheckConfig = table("Poses, axes and motion compensation, by the sweeps themselves.")
     sensor: SensorConfig = table("How the sensors of a drive are measured.")

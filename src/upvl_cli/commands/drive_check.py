@@ -13,7 +13,6 @@ import numpy as np
 from upvl_cli.commands.check_config import CheckConfig, SampleConfig
 from upvl_cli.config.toml import load
 from upvl_cli.errors import UpvlError
-from upvl_cli.perception.drive_check.cameras import check_cameras
 from upvl_cli.perception.drive_check.clock_check import check_clock
 from upvl_cli.perception.drive_check.completeness import check_completeness
 from upvl_cli.perception.drive_check.finding import LEVELS, Finding, Level
@@ -24,17 +23,17 @@ from upvl_cli.perception.drive_check.sample import DriveSample, spread_runs
 from upvl_cli.perception.drive_check.units_check import check_units
 from upvl_cli.perception.sensor.card import SensorCard
 from upvl_cli.perception.sensor.limits import limits
-from upvl_cli.perception.sensor.measure import measure_sensor
 from upvl_cli.pipeline.provenance import to_json
 from upvl_cli.pipeline.tables import Table
 from upvl_cli.runtime.atomic import write_if_changed
+from upvl_cli.runtime.parallel import in_order
 from upvl_cli.stages.rows import OdometryRow
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from upvl_cli.pipeline.workspace import Workspace
-    from upvl_cli.types import Array, Drive
+    from upvl_cli.types import Array, Drive, Image
 
 _VERSION = 1  # raised by hand when a check finds other things on equal drives
 _SWEEPS_AT_HAND, _PICTURES_AT_HAND = 48, 64  # a sweep holds some 5 MB, a picture 1.5 MB
@@ -99,6 +98,10 @@ def check_drive(drive: Drive, poses: Array | None, config: CheckConfig) -> Check
         poses: (T, 4, 4) the best known poses of its frames, by which pictures and sweeps are brought together.
         config: Settings.
     """
+    # Both load much that the quick part does without.
+    from upvl_cli.perception.drive_check.cameras import check_cameras
+    from upvl_cli.perception.sensor.measure import measure_sensor
+
     sample = sample_drive(drive, drive.world_from_ego, config.sample)
     found = list(_sweep_findings(sample, config, is_quick=False))
     if _has_fault(found, "clock", "points"):
@@ -125,9 +128,18 @@ def _best_poses(workspace: Workspace, segment: str) -> Array | None:
 
 def _quick_findings(sample: DriveSample, config: CheckConfig) -> Iterator[Finding]:
     yield from _sweep_findings(sample, config, is_quick=True)
-    for camera in sample.cameras:
-        pictures = {step: sample.picture(step, camera.name) for step in sample.steps}
+    places = np.linspace(0, len(sample.runs) - 1, min(config.quick.pictures, len(sample.runs))).round()
+    steps = [sample.runs[int(place)][0] for place in places]
+    for camera, pictures in zip(sample.cameras, _pictures(sample, steps), strict=True):
         yield from check_pictures(sample, camera, pictures, config.camera.picture)
+
+
+def _pictures(sample: DriveSample, steps: Sequence[int]) -> Iterator[dict[int, Image | None]]:
+    """Yield the pictures of each camera, by step; read by as many threads as there are cores."""
+    asked = [(step, camera.name) for camera in sample.cameras for step in steps]
+    images = in_order(lambda pair: sample.picture(*pair), asked)
+    for _ in sample.cameras:
+        yield {step: next(images) for step in steps}
 
 
 def _sweep_findings(sample: DriveSample, config: CheckConfig, *, is_quick: bool) -> Iterator[Finding]:

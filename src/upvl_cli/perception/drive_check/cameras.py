@@ -24,7 +24,7 @@ from upvl_cli.perception.drive_check.sample import DriveSample
 from upvl_cli.perception.visual.camera_axes import EdgeMaps, SweepOutlines, sweep_outlines
 from upvl_cli.perception.visual.camera_check import ImageSweepPair, estimate_offset
 from upvl_cli.perception.visual.edge_agreement import downsample, downsample_camera, edge_strength
-from upvl_cli.types import Array, Camera, Image, concat
+from upvl_cli.types import Array, Camera, Floats, Image, concat
 
 _SKEW = 1e-3  # of a rotation matrix times its transpose: more is no rounding
 _MOTION_S = 0.05  # the motion of the car is taken from this long before to this long after a picture
@@ -189,7 +189,8 @@ def _turned_points(
         return
     count = np.sqrt(len(views))
     given = sum(np.nan_to_num(view.given_sigmas) for view in views) / count
-    best, name, turn = -np.inf, "", np.eye(3)
+    best, name = -np.inf, ""
+    turn: Floats = np.eye(3)
     for rotation, words in turns_of_points():
         moved = outlines.transform(rotation)
         sigmas = sum(max(view.sigmas(view.camera, moved, config), 0.0) for view in views) / count
