@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from upvl_cli.cli.application import OneSegment, app
-from upvl_cli.errors import UpvlError
+from upvl_cli.errors import BadInput, UpvlError
 from upvl_cli.pipeline.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -31,12 +32,18 @@ def check_drives(
         bool,
         typer.Option("--quick", help="Only what shows within seconds: the part that `autolabel` asks first."),
     ] = False,
+    labels: Annotated[
+        bool,
+        typer.Option(
+            "--labels", help="Check the human labels of the drives as well; nothing else reads them."
+        ),
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
     anyway: Anyway = False,
 ) -> None:
     """Measure the sensors of a drive, and look for faults before it is labelled: poses, axes, units, times, pictures.
 
-    No label is read. The exit code is 2 where a fault was found, and 0 with --anyway.
+    No label is read without --labels. The exit code is 2 where a fault was found, and 0 with --anyway.
     """
     from upvl_cli.commands.drive_check import check_segment, mark_checked, quick_report, refuse_faults
 
@@ -45,6 +52,8 @@ def check_drives(
     for name in workspace.segments if segment is None else [segment]:
         workspace.check_name(name, workspace.segments)
         report = quick_report(workspace, name) if quick else check_segment(workspace, name, quick=False)
+        if labels:
+            report = replace(report, findings=(*report.findings, *label_findings(workspace, name)))
         reports.append(report)
         if not as_json:
             _print_report(report)
@@ -55,6 +64,31 @@ def check_drives(
     if quick:
         for report in reports:
             mark_checked(workspace, report.segment)
+
+
+def label_findings(workspace: Workspace, segment: str) -> tuple[Finding, ...]:
+    """Return the findings on the human labels of a drive."""
+    from upvl_cli.commands.check_config import CheckConfig
+    from upvl_cli.commands.drive_check import sample_drive
+    from upvl_cli.config.toml import load
+    from upvl_cli.evaluation.label_check import check_label_source
+    from upvl_cli.perception.drive_check.finding import Finding
+
+    config = load(CheckConfig, workspace.stages / "check.toml")
+    drive = workspace.drive(segment)
+    sample = sample_drive(drive, drive.world_from_ego, config.sample)
+    try:
+        return tuple(check_label_source(workspace, segment, sample, config.labels))
+    except BadInput as error:
+        return (Finding("labels", "cannot tell", str(error)),)
+
+
+def warn_of_labels(workspace: Workspace, segments: Sequence[str] | None) -> None:
+    """Print what is wrong with human labels before anything is scored by them."""
+    for name in segments or workspace.segments:
+        for finding in label_findings(workspace, name):
+            if finding.level in ("warning", "fault"):
+                print(f"{finding.level}: {name}: {finding.sentence}", file=sys.stderr)
 
 
 def check_first(workspace: Workspace, segments: Sequence[str] | None, *, anyway: bool) -> None:

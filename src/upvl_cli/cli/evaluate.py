@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from upvl_cli.cli.application import Segments, app
+from upvl_cli.cli.check import warn_of_labels
 from upvl_cli.pipeline.workspace import Workspace
 
 
@@ -63,6 +64,7 @@ def evaluate(
 
     overrides = {"iou": sorted({*(iou or ()), *(more or ())})} if iou or more else {}
     report = run.evaluate(context.obj, what, moving_only, class_agnostic, region, overrides, segment or ())
+    warn_of_labels(context.obj, segment)
     paths = list(run.write(context.obj, report))
     for item in [*run.render(report), *map(str, paths)]:
         Console(soft_wrap=isinstance(item, str)).print(item, markup=False, highlight=False)
