@@ -48,7 +48,10 @@ def test_nothing_is_said_of_a_usual_drive() -> None:
         (with_counts(mask={"points moving": 24_000}), "60% of the points above the ground move"),
         (with_counts(ground={"points above ground": 100_000}), "0.0% of all points are ground"),
         (with_counts(ground={}), "the drive has no points"),
-        (with_counts(odometry={"frames that could not be placed": 3}), "3 of 20 frames could not be placed"),
+        (
+            with_counts(odometry={"frames that could not be placed, poses interpolated": 3}),
+            "3 of 20 frames could not be placed",
+        ),
         (with_counts(extract_vl={"no view": 9}), "no point has a feature of a picture"),
         (replace(SOUND, class_name=np.full(BOXES, "other")), "all 12 tracks are of one class, other"),
         (replace(SOUND, length_m=SOUND.length_m * 3.28), "half of the boxes are longer than 13.8 m"),

@@ -111,6 +111,20 @@ def test_inverted_and_scaled_poses() -> None:
     assert_is_street(correct(ChangedDrive(poses=change), config))
 
 
+def test_ignored_poses_have_not_moved_the_points_either() -> None:
+    measured = world.sweep(2)[0]
+
+    class MeasuredDrive(ChangedDrive):
+        def measured_points(self, frame: int) -> Points | None:
+            return measured if frame == 2 else None
+
+    drive = MeasuredDrive(moved(lambda xyz: xyz + 1.0))
+    corrected = correct(drive, replace(PLAIN, poses="ignored"))
+    assert corrected.world_from_ego is None
+    np.testing.assert_array_equal(corrected.points(2).xyz_ego_m, measured.xyz_ego_m)
+    np.testing.assert_array_equal(corrected.points(1).xyz_ego_m, drive.points(1).xyz_ego_m)
+
+
 def test_late_poses() -> None:
     times_ns = [frame.time_ns for frame in world.drive().frames]
     delay_ns = 50_000_000

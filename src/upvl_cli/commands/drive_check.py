@@ -19,6 +19,7 @@ from upvl_cli.perception.drive_check.finding import LEVELS, Finding, Level
 from upvl_cli.perception.drive_check.motion_check import check_motion
 from upvl_cli.perception.drive_check.pictures import check_pictures
 from upvl_cli.perception.drive_check.points_check import check_own_car, check_points
+from upvl_cli.perception.drive_check.pose_check import REFINED
 from upvl_cli.perception.drive_check.sample import DriveSample, spread_runs
 from upvl_cli.perception.drive_check.units_check import check_units
 from upvl_cli.perception.sensor.card import SensorCard
@@ -84,25 +85,47 @@ def check_segment(workspace: Workspace, segment: str, *, quick: bool) -> CheckRe
     """
     config = load(CheckConfig, workspace.stages / "check.toml")
     drive = workspace.drive(segment)
+    use = _use_of_poses(workspace)
+    poses = None if use == "estimated" else drive.world_from_ego
     if quick:
-        sample = sample_drive(drive, drive.world_from_ego, config.quick)
-        return CheckReport(segment, tuple(_quick_findings(sample, config)))
-    return check_drive(drive, _best_poses(workspace, segment), config)
+        found = tuple(_quick_findings(sample_drive(drive, poses, config.quick), config))
+        report = CheckReport(segment, found)
+    else:
+        report = check_drive(drive, poses, _best_poses(workspace, segment), config)
+    if use != "refined":
+        return report
+    return replace(report, findings=tuple(map(_as_refined, report.findings)))
 
 
-def check_drive(drive: Drive, poses: Array | None, config: CheckConfig) -> CheckReport:
+def _use_of_poses(workspace: Workspace) -> str:
+    """Return what odometry does with the poses of a drive: given, estimated or refined."""
+    stage = workspace.pipeline.by_name["odometry"]
+    return str(workspace.settings(stage).values()["poses"])
+
+
+def _as_refined(finding: Finding) -> Finding:
+    """Return a finding that refinement of the poses mends as one that is mended."""
+    if REFINED not in finding.remedy:
+        return finding
+    return replace(finding, level="ok", remedy="odometry refines them")
+
+
+def check_drive(
+    drive: Drive, poses: Array | None, best_poses: Array | None, config: CheckConfig
+) -> CheckReport:
     """Check all of a drive.
 
     Args:
         drive: The drive.
-        poses: (T, 4, 4) the best known poses of its frames, by which pictures and sweeps are brought together.
+        poses: (T, 4, 4) the poses to check; None where they are not used.
+        best_poses: (T, 4, 4) the best known poses of its frames, by which pictures and sweeps are brought together.
         config: Settings.
     """
     # Both load much that the quick part does without.
     from upvl_cli.perception.drive_check.cameras import check_cameras
     from upvl_cli.perception.sensor.measure import measure_sensor
 
-    sample = sample_drive(drive, drive.world_from_ego, config.sample)
+    sample = sample_drive(drive, poses, config.sample)
     found = list(_sweep_findings(sample, config, is_quick=False))
     if _has_fault(found, "clock", "points"):
         return CheckReport(drive.name, tuple(found))
@@ -111,7 +134,7 @@ def check_drive(drive: Drive, poses: Array | None, config: CheckConfig) -> Check
     if not drive.cameras:
         found.append(Finding("sensor", "ok", "the drive has no camera"))
     if not _has_fault(found, "units", "axes", "poses"):  # cameras would be blamed for it
-        found += check_cameras(replace(sample, world_from_ego=poses), config.camera)
+        found += check_cameras(replace(sample, world_from_ego=best_poses), config.camera)
     return CheckReport(drive.name, tuple(found), card)
 
 
@@ -211,7 +234,8 @@ def mark_checked(workspace: Workspace, segment: str) -> None:
 
 def _stamp(workspace: Workspace, segment: str) -> str:
     settings = load(CheckConfig, workspace.stages / "check.toml").values()
-    return to_json({"version": _VERSION, "raw": workspace.raw_stamp(segment), "values": settings})
+    makers = {"version": _VERSION, "poses": _use_of_poses(workspace), "raw": workspace.raw_stamp(segment)}
+    return to_json(makers | {"values": settings})
 
 
 def _kept(path: Path, stamp: str, segment: str) -> CheckReport | None:

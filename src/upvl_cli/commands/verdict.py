@@ -125,9 +125,9 @@ def _about_points(result: DriveResult) -> Iterator[Finding]:
             "warning",
             f"{moving:.0%} of the points above the ground move",
             cause="the poses do not fit the sweeps",
-            remedy=f'run: upvl check {result.segment}; or set poses = "estimated" in odometry.toml',
+            remedy=f'run: upvl check {result.segment}; or set poses = "ignored" under [corrections] in raw.toml',
         )
-    lost = result.count("odometry", "frames that could not be placed")
+    lost = result.count("odometry", "frames that could not be placed, poses interpolated")
     if lost > _MANY_LOST * result.frames:
         yield Finding(
             "poses",

@@ -44,11 +44,12 @@ class CorrectionsConfig(Config):
         le=100,
         default=(),
     )
-    poses: Literal["world_from_ego", "ego_from_world"] = setting(
+    poses: Literal["world_from_ego", "ego_from_world", "ignored"] = setting(
         "which way the given poses go",
         effects={
             "world_from_ego": "from the axes of the car to those of the world, as upvl has them",
             "ego_from_world": "the other way; they are inverted",
+            "ignored": "they are wrong: the drive is taken for one without poses, and odometry estimates them",
         },
         default="world_from_ego",
     )

@@ -16,6 +16,7 @@ from upvl_cli.geometry.motion_compensation import compensate
 from upvl_cli.geometry.path import pose_at
 from upvl_cli.geometry.se3 import compose, inverse
 from upvl_cli.perception.ground.source import GroundSource, IncompleteSweeps
+from upvl_cli.perception.odometry.source import UncompensatedSweeps
 from upvl_cli.perception.visual.pixel_source import PixelSource
 from upvl_cli.types import Array, Bools, Camera, Drive, Floats, Frame, Image, Points
 
@@ -116,10 +117,9 @@ class CorrectedDrive:
     @cached_property
     def world_from_ego(self) -> Array | None:
         """(T, 4, 4) corrected poses."""
-        given = self._drive.world_from_ego
-        if given is None:
+        given, config = self._drive.world_from_ego, self._config
+        if given is None or config.poses == "ignored":
             return None
-        config = self._config
         poses = np.array(given, dtype=np.float64)
         if config.poses == "ego_from_world":
             poses = inverse(poses)
@@ -146,13 +146,34 @@ class CorrectedDrive:
 
     def _sweep(self, frame: int) -> tuple[Points, Bools]:
         """Return all points of a frame, corrected, and which of them lie on the car."""
-        points = self._drive.points(frame)
+        points = self._corrected(self._points(frame))
+        xyz_m = self._moved_to_frame(frame, points.xyz_ego_m, points.time_offset_ns)
+        return replace(points, xyz_ego_m=xyz_m), self._is_on_car(xyz_m)
+
+    def _corrected(self, points: Points) -> Points:
+        """Return points in metres along the ego axes, with intensities up to 1."""
         # Without BLAS, whose last digit depends on the processor: each ego axis is one column with a sign.
         column, sign = np.abs(self._axes).argmax(axis=1), self._axes.sum(axis=1)
         xyz_m = points.xyz_ego_m[:, column] * (sign * self._config.metres_per_unit)
-        xyz_m = self._moved_to_frame(frame, xyz_m, points.time_offset_ns)
         intensity = np.clip(points.intensity / self._config.intensity_full, 0, 1)
-        return replace(points, xyz_ego_m=xyz_m, intensity=intensity), self._is_on_car(xyz_m)
+        return replace(points, xyz_ego_m=xyz_m, intensity=intensity)
+
+    def _points(self, frame: int) -> Points:
+        """Return the sweep as the data set gives it; poses that are ignored have not moved its points either."""
+        measured = None
+        if self._config.poses == "ignored" and isinstance(self._drive, UncompensatedSweeps):
+            measured = self._drive.measured_points(frame)
+        return self._drive.points(frame) if measured is None else measured
+
+    def measured_points(self, frame: int) -> Points | None:
+        """Return the corrected sweep with each point where it was measured; None where the files do not hold that."""
+        measured = (
+            self._drive.measured_points(frame) if isinstance(self._drive, UncompensatedSweeps) else None
+        )
+        if measured is None or self._config.motion_compensation != "as-given":
+            return None
+        corrected = self._corrected(measured)
+        return corrected[~self._is_on_car(corrected.xyz_ego_m)]
 
     def _moved_to_frame(self, frame: int, xyz_m: Array, offset_ns: Array) -> Array:
         poses, method = self.world_from_ego, self._config.motion_compensation

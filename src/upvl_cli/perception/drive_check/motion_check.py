@@ -12,6 +12,7 @@ from upvl_cli.perception.drive_check.motion_survey import MotionSurvey, survey_m
 from upvl_cli.perception.drive_check.pose_arithmetic import check_path, check_rigid
 from upvl_cli.perception.drive_check.pose_cause import UNKNOWN
 from upvl_cli.perception.drive_check.pose_check import REFINED, check_agreement, check_constant
+from upvl_cli.perception.drive_check.pose_rounding import check_rounding
 from upvl_cli.perception.drive_check.sample import DriveSample
 
 
@@ -56,7 +57,10 @@ def check_poses(
     yield from broken
     if broken:
         return
-    by_themselves = list(check_path(sample.frames, poses, config.limits))
+    by_themselves = [
+        *check_rounding(poses, config.limits, REFINED),
+        *check_path(sample.frames, poses, config.limits),
+    ]
     yield from by_themselves
     survey = survey or survey_motion(sample, config)
     constant = list(check_constant(sample, survey, config.limits))

@@ -93,7 +93,7 @@ def check_own_car(card: SensorCard) -> Iterator[Finding]:
         f"{card.car.points} points a sweep move as the car does, x {back:.1f} to {front:.1f}, "
         f"y {right:.1f} to {left:.1f} m"
     )
-    remedy = f"car_m = [{back:.1f}, {front:.1f}, {right:.1f}, {left:.1f}]"
+    remedy = f"set car_m = [{back:.1f}, {front:.1f}, {right:.1f}, {left:.1f}] under [corrections] in raw.toml"
     yield Finding("points", "warning", text, "", "", "the LiDAR sees the car that carries it", remedy)
 
 
@@ -196,11 +196,27 @@ def _intensities(sweeps: Sequence[Points]) -> Iterator[Finding]:
     elif found.full > 1:
         text = f"intensities go to {found.highest:.4g}, expected 0 to 1"
         cause = f"the files have them on the scale {found.scale}"
-        yield Finding("points", "warning", text, "", evidence, cause, f"intensity_full = {found.full:.1f}")
+        yield Finding(
+            "points",
+            "warning",
+            text,
+            "",
+            evidence,
+            cause,
+            f"set intensity_full = {found.full:.1f} under [corrections] in raw.toml",
+        )
     elif found.scale == "0 to 1" and found.highest <= _TWICE_DIVIDED:
         text = f"intensities go to {found.highest:.2g} only, expected 0 to 1"
         cause = "they were divided by 255 twice"
-        yield Finding("points", "warning", text, "", evidence, cause, f"intensity_full = {1 / 255:.6f}")
+        yield Finding(
+            "points",
+            "warning",
+            text,
+            "",
+            evidence,
+            cause,
+            f"set intensity_full = {1 / 255:.6f} under [corrections] in raw.toml",
+        )
 
 
 _TWICE_DIVIDED = 1 / 250
@@ -259,3 +275,7 @@ def _doubled_share(xyz_m: Array) -> float:
 def _places(names: Sequence[int]) -> str:
     named = ", ".join(map(str, names[:_NAMED]))
     return f"frame {named}" + (f" and {len(names) - _NAMED} more" if len(names) > _NAMED else "")
+
+
+def _scale_remedy(full: float) -> str:
+    return f"set intensity_full = {full:.6g} under [corrections] in raw.toml"

@@ -19,7 +19,7 @@ _MOVES_MPS = (
     1.0  # neighbours of a repeated pose that move at least that fast show that the car does not stand
 )
 _FEW = 0.2  # share of steps up to which deviations are single jumps
-ESTIMATED = 'set poses = "estimated" in odometry.toml'
+ESTIMATED = 'set poses = "ignored" under [corrections] in raw.toml'
 
 
 @dataclass(frozen=True)

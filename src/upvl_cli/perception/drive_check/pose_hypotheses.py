@@ -16,7 +16,7 @@ from upvl_cli.geometry.path import pose_at
 from upvl_cli.geometry.se3 import compose, from_yaw, inverse, wrap_angle, yaw_of
 from upvl_cli.types import Array, Floats, Ints
 
-ESTIMATE = 'or set poses = "estimated" in odometry.toml'
+ESTIMATE = 'or set poses = "ignored" under [corrections] in raw.toml'
 _NAMES = ("x", "y", "z")
 # The axes that poses come in most often, in this order: camera (z forward), aerospace, right-forward-up, backwards.
 _FREQUENT_AXES = (("z", "-x", "-y"), ("x", "-y", "-z"), ("y", "-x", "z"), ("-y", "x", "z"), ("-x", "-y", "z"))

@@ -101,7 +101,7 @@ def _judge(scale: PointScale, sweeps: int, config: UnitsCheckConfig) -> Finding:
     clear = surprise["metres"] - surprise[best] > config.min_evidence
     impossible = _is_impossible(scale, config)
     if best != "metres" and clear and not _is_impossible(_times(scale, UNITS[best]), config):
-        remedy = f"metres_per_unit = {UNITS[best]:g}"
+        remedy = f"set metres_per_unit = {UNITS[best]:g} under [corrections] in raw.toml"
         text += f": in {best} that would be usual"
         return Finding(
             "units", "fault" if impossible else "warning", text, "", evidence, f"points in {best}", remedy
