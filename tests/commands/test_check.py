@@ -87,7 +87,6 @@ WRONG = {
     "mirror": (TinyDrive(cameras=(MIRRORED,)), "ego_from_camera is none"),
     "size": (TinyDrive(size=(10, 20)), "20 x 10 pixels, expected 40 x 20"),
     "late": (TinyDrive(delay_ns=-250_000_000), "0.25 s from its sweep"),
-    "times": (TinyDrive(frames=(Frame(0, 5), Frame(1, 5))), "frame 1 is not later"),
     "frozen": (TinyDrive(frozen=True), "the same picture again while the car goes on"),
     "blind": (TinyDrive(without=frozenset(range(5))), "no picture in 4 of 4 frames"),
 }
@@ -100,9 +99,9 @@ def test_what_is_wrong_is_said_once(drive: TinyDrive, text: str) -> None:
 
 
 def test_gaps_are_told_but_are_no_fault() -> None:
-    drive = TinyDrive(skipped={"no sweep": 3}, without=frozenset({2}))
+    drive = TinyDrive(without=frozenset({2}))
     texts = [finding.text for finding in findings(drive)]
-    assert texts[:2] == ["3 left out: no sweep", "no picture in 1 of 4 frames looked at"]
+    assert texts[:1] == ["no picture in 1 of 4 frames looked at"]
     assert not any(finding.is_fault for finding in findings(replace(drive, frozen=False)))
 
 
@@ -123,7 +122,7 @@ def test_a_sweep_is_moved_to_the_time_of_the_picture(delay_ns: int) -> None:
 
 
 def test_a_drive_without_cameras_has_nothing_to_check() -> None:
-    assert [finding.text for finding in findings(TinyDrive(cameras=()))] == ["the drive has no camera"]
+    assert findings(TinyDrive(cameras=())) == []
 
 
 def test_frames_are_spread_over_the_drive() -> None:

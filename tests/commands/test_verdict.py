@@ -11,6 +11,7 @@ from upvl_cli.commands.verdict import DriveResult, suspicions_of
 
 TRACKS, FRAMES = 12, 20
 BOXES = TRACKS * FRAMES
+UNPLACED = "frames that could not be placed, poses interpolated"
 SOUND = DriveResult(
     segment="a",
     frames=FRAMES,
