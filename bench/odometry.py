@@ -30,7 +30,7 @@ from upvl_cli.perception.odometry.lidar_odometry import estimate_trajectory
 from upvl_cli.perception.odometry.refinement import refine_poses
 from upvl_cli.perception.odometry.source import UncompensatedSweeps
 from upvl_cli.perception.odometry.sweep import PreparedSweep, prepare_sweep
-from upvl_cli.perception.odometry.trajectory import Trajectory
+from upvl_cli.perception.odometry.trajectory import EstimatedPath
 from upvl_cli.stages.odometry import OdometryConfig
 from upvl_cli.synthetic import build
 from upvl_cli.synthetic.config import CityConfig
@@ -65,7 +65,7 @@ def sweep_of(
     return prepare_sweep(xyz[kept], sign * offset_s[kept], time_s, lidar.kiss_icp, lidar.structure)
 
 
-def line(name: str, drive: Drive, steps: Sequence[int], **how: bool | int) -> Trajectory:
+def line(name: str, drive: Drive, steps: Sequence[int], **how: bool | int) -> EstimatedPath:
     """Print how well a case is met."""
     began = time.process_time()
     path = estimate_trajectory(
@@ -93,7 +93,7 @@ def line(name: str, drive: Drive, steps: Sequence[int], **how: bool | int) -> Tr
     return path
 
 
-def refined_line(drive: Drive, path: Trajectory) -> None:
+def refined_line(drive: Drive, path: EstimatedPath) -> None:
     """Print how well rounded poses are refined."""
     true = drive.world_from_ego
     assert true is not None

@@ -12,7 +12,7 @@ from upvl_cli.config.toml import load
 from upvl_cli.geometry.se3 import from_yaw
 from upvl_cli.perception.odometry.lidar_odometry import estimate_trajectory
 from upvl_cli.perception.odometry.sweep import PreparedSweep, prepare_sweep
-from upvl_cli.perception.odometry.trajectory import Trajectory
+from upvl_cli.perception.odometry.trajectory import EstimatedPath
 from upvl_cli.stages.odometry import OdometryConfig
 
 SETTINGS = load(OdometryConfig, Path(__file__).parents[2] / "stages" / "odometry.toml")
@@ -69,7 +69,7 @@ def drive(pose: Callable[[float], np.ndarray], times_s: np.ndarray) -> Iterator[
         yield prepared(points_at(pose(time_s), number), time_s)
 
 
-def estimated(pose: Callable[[float], np.ndarray], times_s: np.ndarray) -> Trajectory:
+def estimated(pose: Callable[[float], np.ndarray], times_s: np.ndarray) -> EstimatedPath:
     """What odometry makes of them."""
     return estimate_trajectory(drive(pose, times_s), LIDAR, UNSMOOTHED)
 

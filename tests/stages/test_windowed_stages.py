@@ -78,7 +78,8 @@ def scene(frames: int, points: int = 30) -> LongInputs:
         velocity = np.zeros((total, 3))
         velocity[:, 0] = [speed for _, _, speed in objects]
         owner = np.repeat(np.arange(total), [len(cloud) for cloud in clouds])
-        tables["odometry"].append(OdometryRow(SEGMENT, number, round(time_s * 1e9), pose))
+        measured = (True, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0)
+        tables["odometry"].append(OdometryRow(SEGMENT, number, round(time_s * 1e9), pose, *measured))
         tables["ground"].append(GroundRow(SEGMENT, number, xyz[:, 2], np.zeros(len(xyz), bool)))
         tables["mask"].append(MaskRow(SEGMENT, number, np.ones(len(xyz), bool), np.zeros(len(xyz), np.int8)))
         tables["propose"].append(

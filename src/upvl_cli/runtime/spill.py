@@ -6,11 +6,12 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
+import numpy.typing as npt
 
-from upvl_cli.types import Array
+_Array = npt.NDArray[Any]
 
 
 class ArraySpill:
@@ -26,7 +27,7 @@ class ArraySpill:
         self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115
         self._total = 0
 
-    def append(self, array: Array) -> None:
+    def append(self, array: _Array) -> None:
         """Write an array behind the others."""
         np.save(self._file, array, allow_pickle=False)
         self._total += 1
@@ -34,7 +35,7 @@ class ArraySpill:
     def __len__(self) -> int:
         return self._total
 
-    def __iter__(self) -> Iterator[Array]:
+    def __iter__(self) -> Iterator[_Array]:
         self._file.seek(0)
         for _ in range(self._total):
             yield np.load(self._file, allow_pickle=False)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from typing import TYPE_CHECKING
 
 from upvl_cli.config.base import setting, table
@@ -55,7 +54,9 @@ def run(inputs: Inputs, config: AmodalConfig) -> Iterator[AmodalRow]:
     parts = totals.parts(config.window_s) * is_object
     shapes = _shapes_of_long_tracks(inputs, totals, parts, config)
     pending: deque[_Frame] = deque()
-    for part, boxes in in_order(partial(_fit, config), _parts(inputs, totals, parts, shapes, pending)):
+    for part, boxes in in_order(
+        lambda part: _fit(config, part), _parts(inputs, totals, parts, shapes, pending)
+    ):
         for sighting, box in zip(part.sightings if part else (), boxes, strict=True):
             sighting.frame.boxes[sighting.row] = box
         while pending and len(pending[0].boxes) == pending[0].expected:

@@ -12,7 +12,7 @@ from upvl_cli.pipeline.stage import Stage
 from upvl_cli.stages.rows import OdometryRow
 
 if TYPE_CHECKING:
-    from upvl_cli.perception.odometry.trajectory import Trajectory
+    from upvl_cli.perception.odometry.trajectory import EstimatedPath
     from upvl_cli.pipeline.stage import Inputs
     from upvl_cli.types import Array, Drive, Floats, Frame
 
@@ -96,7 +96,7 @@ def _times_s(drive: Drive) -> Floats:
     return np.array([(frame.time_ns - drive.frames[0].time_ns) / 1e9 for frame in drive.frames])
 
 
-def _estimate(drive: Drive, config: OdometryConfig) -> Trajectory:
+def _estimate(drive: Drive, config: OdometryConfig) -> EstimatedPath:
     from upvl_cli.perception.odometry.lidar_odometry import estimate_trajectory
     from upvl_cli.perception.odometry.sweep import PreparedSweep, prepare_sweep
     from upvl_cli.runtime.parallel import in_order
@@ -112,7 +112,7 @@ def _estimate(drive: Drive, config: OdometryConfig) -> Trajectory:
 
 def _measure(
     drive: Drive, poses: Array, config: OdometryConfig, points: Callable[[Frame], tuple[Floats, Floats]]
-) -> Trajectory:
+) -> EstimatedPath:
     """Return poses with how well the sweeps, as `points` gives them, agree."""
     from upvl_cli.perception.odometry.measurement import measure_trajectory
     from upvl_cli.perception.odometry.sweep import Cloud, prepare_structure
@@ -126,7 +126,7 @@ def _measure(
     return measure_trajectory(in_order(prepare, drive.frames), poses, _times_s(drive), lidar.agreement)
 
 
-def _refine(inputs: Inputs, given: Array, config: OdometryConfig) -> tuple[Trajectory, Floats]:
+def _refine(inputs: Inputs, given: Array, config: OdometryConfig) -> tuple[EstimatedPath, Floats]:
     """Return the path of refined poses, and residual and share of inliers of each frame with the given ones."""
     from dataclasses import replace
 

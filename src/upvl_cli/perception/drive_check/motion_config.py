@@ -8,7 +8,7 @@ from upvl_cli.config.base import Config, setting, table
 
 
 @dataclass(frozen=True)
-class StructureConfig(Config):
+class UprightStructureConfig(Config):
     """What of a sweep stands upright above the road: the part that shows how the car moves."""
 
     typical_range_m: float = setting(
@@ -119,7 +119,7 @@ class MotionCheckConfig(Config):
     """Checks of poses, axes and motion compensation by the sweeps themselves."""
 
     road: RoadConfig = table("The plane of the road.")
-    structure: StructureConfig = table("What stands above the road.")
+    structure: UprightStructureConfig = table("What stands above the road.")
     registration: RegisterConfig = table("Motion between two sweeps.")
     compensation: CompensationConfig = table("Motion compensation of the points.")
     limits: MotionLimitsConfig = table("From where on a motion is wrong.")

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
-from upvl_cli.perception.drive_check.motion_config import StructureConfig
+from upvl_cli.perception.drive_check.motion_config import UprightStructureConfig
 from upvl_cli.perception.voxels import row_keys
 from upvl_cli.types import Array, Floats
 
@@ -52,7 +52,7 @@ class UprightStructure:
         return np.asarray(xyz_m * np.array([1.0, 1.0, HEIGHT_WEIGHT]))
 
 
-def find_structure(level_m: Floats, offset_s: Floats, config: StructureConfig) -> UprightStructure:
+def find_structure(level_m: Floats, offset_s: Floats, config: UprightStructureConfig) -> UprightStructure:
     """Return what stands above the road.
 
     Args:
@@ -69,7 +69,7 @@ def find_structure(level_m: Floats, offset_s: Floats, config: StructureConfig) -
     return _thin(xyz_m[above], offset_s[above], config)
 
 
-def _road_z_m(xyz_m: Floats, config: StructureConfig) -> Floats:
+def _road_z_m(xyz_m: Floats, config: UprightStructureConfig) -> Floats:
     """Return the (n,) height of the road below each point: a low quantile of its cell, at least the second lowest.
 
     Reflections give single points below the road, so the lowest one is not the road.
@@ -84,7 +84,7 @@ def _road_z_m(xyz_m: Floats, config: StructureConfig) -> Floats:
     return road_z_m
 
 
-def _thin(xyz_m: Floats, offset_s: Floats, config: StructureConfig) -> UprightStructure:
+def _thin(xyz_m: Floats, offset_s: Floats, config: UprightStructureConfig) -> UprightStructure:
     """Return one point a voxel; of too many voxels an even choice."""
     if not len(xyz_m):
         return UprightStructure(np.zeros((0, 3)), np.zeros(0))

@@ -21,9 +21,7 @@ _MIN_SIGMA_M = 0.01  # noise of a LiDAR's range that no residual goes below
 _STEPS = 8  # of Gauss-Newton at most
 _CONVERGED_M = 0.002  # a fifth of what the fit leaves open
 _LEVER_M = 20.0  # a turn counts by how far it moves points at this distance
-_ABREAST = (
-    10.0  # neighboring points share their error: so many count as one; an assumption, not measured
-)
+_ABREAST = 10.0  # neighboring points share their error: so many count as one; an assumption, not measured
 
 
 class Structure:

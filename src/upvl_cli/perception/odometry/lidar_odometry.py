@@ -16,13 +16,13 @@ from upvl_cli.perception.odometry.smoothing import smooth_path
 from upvl_cli.perception.odometry.start import search_start
 from upvl_cli.perception.odometry.sweep import PreparedSweep
 from upvl_cli.perception.odometry.tracker import Placement, Tracker
-from upvl_cli.perception.odometry.trajectory import Trajectory
+from upvl_cli.perception.odometry.trajectory import EstimatedPath
 from upvl_cli.types import Array, Floats
 
 
 def estimate_trajectory(
     sweeps: Iterable[PreparedSweep], config: LidarOdometryConfig, smoothing: PathSmoothingConfig
-) -> Trajectory:
+) -> EstimatedPath:
     """Estimate the pose of each sweep; the first sweep's axes are the world's.
 
     Registration is KISS-ICP's; the motion is predicted by time. At the start, after a gap and where a registration
@@ -41,7 +41,7 @@ def estimate_trajectory(
     poses = smooth_path(registered, time_s, is_placed, smoothing)
     agreements = [placement.agreement for placement in placements]
     sigmas = np.array([sigmas_of(placements, step, config.placement) for step in range(len(placements))])
-    return Trajectory(
+    return EstimatedPath(
         world_from_ego=poses,
         is_placed=is_placed,
         is_bridged=np.array([placement.is_bridged for placement in placements], dtype=bool),

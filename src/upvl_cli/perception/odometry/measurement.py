@@ -11,7 +11,7 @@ from upvl_cli.perception.odometry.agreement import Agreement, Structure, measure
 from upvl_cli.perception.odometry.config import AgreementConfig
 from upvl_cli.perception.odometry.constant_velocity import velocity_between
 from upvl_cli.perception.odometry.sweep import Cloud
-from upvl_cli.perception.odometry.trajectory import Trajectory
+from upvl_cli.perception.odometry.trajectory import EstimatedPath
 from upvl_cli.types import Array, Floats
 
 
@@ -55,7 +55,7 @@ def path_velocities(poses: Array, time_s: Floats) -> Floats:
 
 def measure_trajectory(
     structures: Iterable[Cloud], poses: Array, time_s: Floats, config: AgreementConfig
-) -> Trajectory:
+) -> EstimatedPath:
     """Return given poses with how well the sweeps agree with them.
 
     Args:
@@ -66,7 +66,7 @@ def measure_trajectory(
     """
     agreements = list(measure_poses(structures, poses, time_s, config))
     sigmas = np.array([(0.0, 0.0) if each is None else each.sigmas for each in agreements])
-    return Trajectory(
+    return EstimatedPath(
         world_from_ego=poses,
         is_placed=np.ones(len(poses), dtype=bool),
         is_bridged=np.zeros(len(poses), dtype=bool),

@@ -8,7 +8,7 @@ from upvl_cli.types import Array, ParallelArrays, array
 
 
 @dataclass(frozen=True)
-class Trajectory(ParallelArrays):
+class EstimatedPath(ParallelArrays):
     """Poses of a drive, one a frame, and how well each agrees with the sweeps.
 
     Attributes:
