@@ -111,9 +111,11 @@ def _sightings(
     """Yield each frame with what is seen of the wanted boxes."""
     import numpy as np
 
+    from upvl_cli.perception.odometry.compensation import compensated_points
     from upvl_cli.runtime.parallel import in_order
 
-    drive, poses = inputs.drive, inputs.table("odometry", OdometryRow)
+    poses = inputs.table("odometry", OdometryRow)
+    points_of = compensated_points(inputs.drive, poses)
     grounds, proposals = inputs.table("ground", GroundRow), inputs.table("propose", ProposalRow)
 
     def sightings(item: tuple[TrackRow, Bools]) -> tuple[_Frame, list[_Sighting]]:
@@ -121,7 +123,7 @@ def _sightings(
         frame = _Frame(poses[row.frame], row, int(wanted.sum()))
         if not frame.expected:
             return frame, []
-        xyz_ego_m, height_m = drive.points(row.frame).xyz_ego_m, grounds[row.frame].height_m
+        xyz_ego_m, height_m = points_of(row.frame).xyz_ego_m, grounds[row.frame].height_m
         point_index = proposals[row.frame].point_index
         end = np.append(np.cumsum(point_index.count), 0)  # of no proposal, which is the last
         found = []

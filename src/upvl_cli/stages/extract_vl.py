@@ -30,11 +30,13 @@ class ExtractVlConfig(Config):
 
 def run(inputs: Inputs, config: ExtractVlConfig) -> Iterator[ExtractVlRow]:
     """Give each point that a camera sees the vision-language feature of its pixel."""
+    from upvl_cli.perception.odometry.compensation import compensated_points
     from upvl_cli.perception.visual.pixel_features import CameraRig
     from upvl_cli.perception.visual.pixel_source import PixelSource
     from upvl_cli.runtime.parallel import in_order
 
     drive, poses = inputs.drive, list(inputs.table("odometry", OdometryRow))
+    points_of = compensated_points(drive, poses)
     flows, grounds = inputs.table("flow", FlowRow), inputs.table("ground", GroundRow)
     (pca,) = inputs.table("pca", PcaRow)
     rig = CameraRig(
@@ -52,7 +54,7 @@ def run(inputs: Inputs, config: ExtractVlConfig) -> Iterator[ExtractVlRow]:
         frame = poses[step].frame
         flow_mps = flows[frame].flow_mps
         # Without a picture only the number of the points counts: no sweep need be read.
-        xyz_m = drive.points(frame).xyz_ego_m if rig.cameras else flow_mps
+        xyz_m = points_of(frame).xyz_ego_m if rig.cameras else flow_mps
         velocity_mps = flow_mps if config.follow_motion else None
         images = [drive.image(frame, camera.name) for camera in rig.cameras]
         given_px = [pixels_of(frame, camera.name) for camera in rig.cameras]

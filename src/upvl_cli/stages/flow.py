@@ -66,13 +66,16 @@ def run(inputs: Inputs, config: FlowConfig) -> Iterator[FlowRow]:
 def _pairs(inputs: Inputs) -> Iterator[SweepPair]:
     """Pair each sweep with the next one, and the last with the one before: backward in time, dt is negative."""
     from upvl_cli.geometry.se3 import apply, compose, inverse
+    from upvl_cli.perception.odometry.compensation import compensated_points
     from upvl_cli.runtime.parallel import in_order
 
     poses, ground = list(inputs.table("odometry", OdometryRow)), inputs.table("ground", GroundRow)
 
+    points_of = compensated_points(inputs.drive, poses)
+
     def sweep(step: int) -> tuple[Array, Array]:
         frame = poses[step].frame
-        return inputs.drive.points(frame).xyz_ego_m, ~ground[frame].is_ground
+        return points_of(frame).xyz_ego_m, ~ground[frame].is_ground
 
     if not poses:
         return

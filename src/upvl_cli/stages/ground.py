@@ -10,7 +10,7 @@ from upvl_cli.config.base import Config, setting, table
 from upvl_cli.errors import BadSetting
 from upvl_cli.perception.ground.config import GroundMapConfig
 from upvl_cli.pipeline.stage import Stage
-from upvl_cli.stages.rows import GroundRow
+from upvl_cli.stages.rows import GroundRow, OdometryRow
 
 if TYPE_CHECKING:
     from upvl_cli.pipeline.stage import Inputs
@@ -39,9 +39,11 @@ def run(inputs: Inputs, config: GroundConfig) -> Iterator[GroundRow]:
     """Find the ground below every sweep, and how high above it each point is."""
     from upvl_cli.perception.ground.height import height_above_ground, height_above_known_ground
     from upvl_cli.perception.ground.source import GroundSource, IncompleteSweeps
+    from upvl_cli.perception.odometry.compensation import compensated_points
     from upvl_cli.runtime.parallel import in_order
 
     drive = inputs.drive
+    points_of = compensated_points(drive, inputs.table("odometry", OdometryRow))
     source = drive if config.method == "dataset" and isinstance(drive, GroundSource) else None
     if config.method == "dataset" and source is None:
         raise BadSetting(
@@ -50,7 +52,7 @@ def run(inputs: Inputs, config: GroundConfig) -> Iterator[GroundRow]:
         )
 
     def height_m(frame: Frame) -> Array:
-        xyz_ego_m = drive.points(frame.index).xyz_ego_m
+        xyz_ego_m = points_of(frame.index).xyz_ego_m
         if source is None:
             return height_above_ground(xyz_ego_m, drive.ground_z_m, config.map)
         ground_z_m = source.ground_z(frame.index, xyz_ego_m)
@@ -66,4 +68,4 @@ def run(inputs: Inputs, config: GroundConfig) -> Iterator[GroundRow]:
         yield GroundRow(inputs.segment, frame.index, heights_m, is_ground)
 
 
-STAGE = Stage(name="ground", run=run, config=GroundConfig, row=GroundRow, reads=("raw",))
+STAGE = Stage(name="ground", run=run, config=GroundConfig, row=GroundRow, reads=("raw", "odometry"))

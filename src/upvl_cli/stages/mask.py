@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from upvl_cli.perception.background.completion import BackgroundCompletion, SweepBackground
     from upvl_cli.perception.background.masks import BackgroundClassifier
     from upvl_cli.pipeline.stage import Inputs, Rows
-    from upvl_cli.types import Array, Bools, Drive, Model
+    from upvl_cli.types import Array, Bools, Model, Points
 
 
 @dataclass(frozen=True)
@@ -79,11 +79,12 @@ def background_classifier(pca: PcaRow, model: Model, config: MaskConfig) -> Back
 def run(inputs: Inputs, config: MaskConfig) -> Iterator[MaskRow]:
     """Mark the points that move, by speed, and those of the background, by words."""
     from upvl_cli.perception.background.masks import apply_motion_and_policy, moving
+    from upvl_cli.perception.odometry.compensation import compensated_points
     from upvl_cli.runtime.parallel import in_order
 
     (pca,) = inputs.table("pca", PcaRow)
     sweeps = _Sweeps(
-        inputs.drive,
+        compensated_points(inputs.drive, inputs.table("odometry", OdometryRow)),
         inputs.table("flow", FlowRow),
         inputs.table("ground", GroundRow),
         inputs.table("extract-vl", ExtractVlRow),
@@ -121,7 +122,7 @@ def run(inputs: Inputs, config: MaskConfig) -> Iterator[MaskRow]:
 class _Sweeps:
     """The sweeps of a drive, and what is known of their points."""
 
-    drive: Drive
+    points_of: Callable[[int], Points]
     flows: Rows[FlowRow]
     grounds: Rows[GroundRow]
     features: Rows[ExtractVlRow]
@@ -144,7 +145,7 @@ class _Sweeps:
 
         ground, config = self.grounds[pose.frame], self.config
         above = ~ground.is_ground
-        xyz_m = self.drive.points(pose.frame).xyz_ego_m[above].astype(np.float64)
+        xyz_m = self.points_of(pose.frame).xyz_ego_m[above].astype(np.float64)
         shape_features = None
         if config.unseen_policy == "shape_classifier":
             shape_features = compute_shape_features(xyz_m, ground.height_m[above], config.shape_classifier)

@@ -95,16 +95,18 @@ def _moments(inputs: Inputs, config: ProposeConfig) -> Iterator[Moment]:
     import numpy as np
 
     from upvl_cli.geometry.se3 import apply
+    from upvl_cli.perception.odometry.compensation import compensated_points
     from upvl_cli.perception.proposals.persistence import occupied_places, sliding_history
     from upvl_cli.runtime.parallel import in_order
 
-    drive, poses = inputs.drive, inputs.table("odometry", OdometryRow)
+    poses = inputs.table("odometry", OdometryRow)
+    points_of = compensated_points(inputs.drive, poses)
     grounds = inputs.table("ground", GroundRow)
     coming: deque[tuple[OdometryRow, Array]] = deque()
 
     def occupied(pose: OdometryRow) -> tuple[OdometryRow, Array, cKDTree]:
         """Return the points of a frame above the ground, in ego axes, and the places that they occupy."""
-        above_m = drive.points(pose.frame).xyz_ego_m[~grounds[pose.frame].is_ground]
+        above_m = points_of(pose.frame).xyz_ego_m[~grounds[pose.frame].is_ground]
         world_m = apply(pose.world_from_ego, above_m.astype(np.float64))
         return pose, above_m, occupied_places(world_m, voxel_m=config.persistence.voxel_m)
 
