@@ -69,8 +69,8 @@ def groups_of(path: Path) -> list[int]:
 
 def test_frames_share_row_groups_and_large_ones_do_not(tmp_path: Path) -> None:
     """Whoever opens a shard holds its footer: with a row group a frame it would grow with the drive."""
-    save(tmp_path / "small.parquet", *(thing(frame, 3) for frame in range(40)))
-    assert groups_of(tmp_path / "small.parquet") == [16, 16, 8]
+    save(tmp_path / "small.parquet", *(thing(frame, 3) for frame in range(150)))
+    assert groups_of(tmp_path / "small.parquet") == [64, 64, 22]
     points = tables.GROUP_BYTES // 6  # three numbers of two bytes each
     save(tmp_path / "large.parquet", *(thing(frame, points // 2 + 10) for frame in range(5)))
     assert groups_of(tmp_path / "large.parquet") == [2, 2, 1]

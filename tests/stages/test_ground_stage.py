@@ -39,7 +39,7 @@ class MappedDrive(FlatDrive):
 
 def heights(drive: FlatDrive, method: str) -> tuple[Points, Array]:
     config = replace(CONFIG, method=method)
-    (row,) = ground.run(MemoryInputs({}, drive=drive), config)
+    (row,) = ground.run(MemoryInputs({"odometry": []}, drive=drive), config)
     assert row.height_m.dtype == np.float32
     return drive.points(4), row.height_m
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from upvl_cli.cli.application import OneSegment, app
-from upvl_cli.errors import BadInput, UpvlError
+from upvl_cli.errors import BadInput
 from upvl_cli.pipeline.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def check_first(workspace: Workspace, segments: Sequence[str] | None, *, anyway:
         workspace.check_name(name, workspace.segments)
         try:
             reports.append(quick_report(workspace, name))
-        except UpvlError:  # a drive that cannot be read is told by the first stage, and the others go on
+        except BadInput:  # a drive that cannot be read is told by the first stage, and the others go on
             continue
         for finding in reports[-1].findings:
             if finding.level in ("warning", "fault"):

@@ -41,9 +41,9 @@ STAMP_KEY = b"upvl.stamp"
 COUNTS_KEY = b"upvl.counts"
 FRAMES_KEY = b"upvl.frames"
 CONTENT_KEY = b"upvl.content"
-# A row group is read whole. 16 frames of boxes are some kilobytes, and 4 000 frames 250 groups; two megabytes are two
-# frames of the features of points, or eight of their heights.
-GROUP_FRAMES = 16
+# A row group is read whole. 64 frames of boxes are some 100 kilobytes, and 4 000 frames 63 groups; two megabytes are
+# two frames of the features of points, or eight of their heights.
+GROUP_FRAMES = 64
 GROUP_BYTES = 2**21
 
 R = TypeVar("R", bound=Row)

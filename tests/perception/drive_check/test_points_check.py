@@ -153,4 +153,4 @@ def test_points_of_the_car_itself_name_the_line_that_leaves_them_out() -> None:
     card = measure_sensor(drive_sample(), CONFIG.sensor)
     assert list(check_own_car(card)) == []
     (finding,) = check_own_car(replace(card, car=CarFootprint((-1.2, 0.9), (-0.8, 0.7), 160)))
-    assert finding.level == "warning" and finding.remedy == "car_m = [-1.2, 0.9, -0.8, 0.7]"
+    assert finding.level == "warning" and "car_m = [-1.2, 0.9, -0.8, 0.7]" in finding.remedy

@@ -27,7 +27,7 @@ def test_each_unit_is_named(unit: str, axes_z_m: float) -> None:
     )
     found = finding(spoilt)
     assert found.is_fault and found.cause == f"points in {unit}"
-    assert found.remedy == f"metres_per_unit = {factor:g}"
+    assert f"metres_per_unit = {factor:g} under" in found.remedy
 
 
 @pytest.mark.parametrize(
