@@ -293,7 +293,7 @@ def test_a_part_file_that_leads_elsewhere_is_not_followed(copy: Path, tmp_path: 
 
 @pytest.mark.parametrize("text", ["abc", "", "-1", "1.5", "99999"])
 def test_a_number_of_threads_that_is_none(labelled: Path, text: str) -> None:
-    set_value(labelled, "autolabel", "--moving-only", "cell_m", "1.0")
+    set_value(labelled, "ground", "cell_m", "1.0")
     done = upvl(labelled, "autolabel", "--moving-only", UPVL_THREADS=text, UPVL_OUT=f"out-{text}")
     assert done.returncode == 2
     assert "expected a whole number" in done.stderr
