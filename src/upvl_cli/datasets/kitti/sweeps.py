@@ -72,8 +72,8 @@ def measure_vehicle(sweeps: Sequence[Path], *, is_kittis: bool | None) -> Vehicl
 
     Args:
         sweeps: The files of the drive, in order.
-        is_kittis: Whether the drive says that the car is KITTI's; None where it says nothing. Either way it is only
-            where the road is measured as far below the axes as on that car.
+        is_kittis: Whether the drive says that the car is KITTI's; None where it says nothing. Either way the height of
+            that car's LiDAR counts only where the road is measured there: z may be shifted.
     """
     chosen = np.unique(np.linspace(0, len(sweeps) - 1, _MEASURED_SWEEPS).astype(int))
     heights_m, largest = [], 0.0
@@ -87,10 +87,10 @@ def measure_vehicle(sweeps: Sequence[Path], *, is_kittis: bool | None) -> Vehicl
             largest = max(largest, float(values[:, 3].max()))
     ground_z_m = float(np.median(heights_m)) if heights_m else -LIDAR_HEIGHT_M
     off_m = abs(ground_z_m + LIDAR_HEIGHT_M)
-    is_kittis = off_m <= (_SAME_CAR_M if is_kittis is None else _SAME_AXES_M) and is_kittis is not False
+    has_height = off_m <= (_SAME_CAR_M if is_kittis is None else _SAME_AXES_M) and is_kittis is not False
     return Vehicle(
-        ground_z_m=-LIDAR_HEIGHT_M if is_kittis else ground_z_m,
-        has_outline=is_kittis,
+        ground_z_m=-LIDAR_HEIGHT_M if has_height else ground_z_m,
+        has_outline=has_height or is_kittis is True,
         full_reflectance=_full_reflectance(largest),
     )
 
