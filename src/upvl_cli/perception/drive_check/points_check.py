@@ -116,7 +116,7 @@ def _not_finite(sweeps: Sequence[Points], names: Sequence[int]) -> Iterator[Find
 
 
 def _zeros(sweeps: Sequence[Points], config: PointsCheckConfig) -> Iterator[Finding]:
-    share = float(np.mean([(~sweep.xyz_ego_m.any(axis=1)).mean() for sweep in sweeps])) if sweeps else 0.0
+    share = float(np.mean([(sweep.xyz_ego_m == 0).all(axis=1).mean() for sweep in sweeps])) if sweeps else 0.0
     if share > config.max_zero_share:
         text = f"{share:.1%} lie at the origin"
         cause = "rays without return were kept as zeros"
