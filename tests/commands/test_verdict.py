@@ -46,7 +46,7 @@ def test_nothing_is_said_of_a_usual_drive() -> None:
 @pytest.mark.parametrize(
     ("result", "said"),
     [
-        (with_counts(mask={"points moving": 24_000}), "60% of the points above the ground move"),
+        (with_counts(mask={"points moving": 28_000}), "70% of the points above the ground move"),
         (with_counts(ground={"points above ground": 100_000}), "0.0% of all points are ground"),
         (with_counts(ground={}), "the drive has no points"),
         (
