@@ -35,7 +35,8 @@ def check_drives(
     labels: Annotated[
         bool,
         typer.Option(
-            "--labels", help="Check the human labels of the drives as well; nothing else reads them."
+            "--labels",
+            help="Check the human labels of the drives as well; only this and `upvl eval` read them.",
         ),
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
