@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from upvl_cli.commands.drive_check import kept_report
-from upvl_cli.perception.drive_check.finding import Finding
+from upvl_cli.perception.drive_check.finding import Finding, correction
 from upvl_cli.pipeline.tables import read_footer
 from upvl_cli.stages.rows import LabelRow
 
@@ -126,7 +126,7 @@ def _about_points(result: DriveResult) -> Iterator[Finding]:
             "warning",
             f"{moving:.0%} of the points above the ground move",
             cause="the poses do not fit the sweeps",
-            remedy=f'run: upvl check {result.segment}; or set poses = "ignored" under [corrections] in raw.toml',
+            remedy=f"run: upvl check {result.segment}; or " + correction('poses = "ignored"'),
         )
     lost = result.count("odometry", "frames that could not be placed, poses interpolated")
     if lost > _MANY_LOST * result.frames:

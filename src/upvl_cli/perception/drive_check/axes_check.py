@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from upvl_cli.perception.drive_check.finding import Finding
+from upvl_cli.perception.drive_check.finding import Finding, correction
 from upvl_cli.perception.drive_check.motion_config import MotionLimitsConfig
 from upvl_cli.perception.drive_check.motion_survey import MotionSurvey
 from upvl_cli.perception.drive_check.road_plane import AXES, DIRECTIONS
@@ -135,7 +135,7 @@ def check_axes(axes: AxesEstimate, survey: MotionSurvey, *, poses_decide: bool) 
     if axes.moving:
         evidence += f", car moves in {axes.moving} of {len(survey.measured)} pairs of sweeps"
     forward, left, up = axes.names
-    line = f'set axes = ["{forward}", "{left}", "{up}"] under [corrections] in raw.toml'
+    line = correction(f'axes = ["{forward}", "{left}", "{up}"]')
     if axes.is_oblique:
         yield _oblique(axes, evidence)
     elif axes.up != "z":

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from upvl_cli.perception.drive_check.finding import Finding
+from upvl_cli.perception.drive_check.finding import Finding, correction
 from upvl_cli.perception.visual.camera_check import CalibrationOffset, tolerances
 from upvl_cli.perception.visual.config import CameraCheckConfig
 
@@ -49,7 +49,7 @@ def _fault(subject: str, found: CalibrationOffset, evidence: str) -> Finding:
     """Return the finding on a calibration that is off, or on pictures that are late."""
     mounting, delay = " and ".join(offsets_in_words(found)), delay_in_words(found)
     remedy = "look at the calibration"
-    late = f"set picture_delay_s = {found.delay_s:.3f} under [corrections] in raw.toml"
+    late = correction(f"picture_delay_s = {found.delay_s:.3f}")
     if found.explained_by_delay and not found.explained_by_mounting:
         return Finding(
             subject, "fault", delay, evidence=evidence, cause="the times of the pictures are off", remedy=late

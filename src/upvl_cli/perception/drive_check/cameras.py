@@ -18,7 +18,7 @@ from upvl_cli.perception.drive_check.camera_hypotheses import (
     turns_of_points,
     yaw_hypotheses,
 )
-from upvl_cli.perception.drive_check.finding import Finding
+from upvl_cli.perception.drive_check.finding import Finding, correction
 from upvl_cli.perception.drive_check.pictures import check_copies, check_pictures
 from upvl_cli.perception.drive_check.sample import DriveSample
 from upvl_cli.perception.visual.camera_axes import EdgeMaps, SweepOutlines, sweep_outlines
@@ -206,7 +206,7 @@ def _turned_points(
         f"the points fit the pictures of {among} only when they are turned",
         evidence=f"agreement of {best:.1f} standard deviations instead of {given:.1f}",
         cause=cause if len(views) > 1 else f"{cause}; or the mounting of the camera is wrong by as much",
-        remedy=f"set {axes_setting(turn)} under [corrections] in raw.toml",
+        remedy=correction(axes_setting(turn)),
     )
 
 

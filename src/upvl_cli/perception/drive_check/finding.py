@@ -10,6 +10,11 @@ Level = Literal["ok", "cannot tell", "warning", "fault"]  # from good to bad
 LEVELS: tuple[Level, ...] = ("ok", "cannot tell", "warning", "fault")
 
 
+def correction(line: str) -> str:
+    """Return the remedy that a line of the user's corrections is: `metres_per_unit = 0.3048`."""
+    return f"set {line} under [corrections] in raw.toml"
+
+
 @dataclass(frozen=True)
 class Finding:
     """One result of a check.

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from upvl_cli.config.base import Config, setting
-from upvl_cli.perception.drive_check.finding import Finding
+from upvl_cli.perception.drive_check.finding import Finding, correction
 from upvl_cli.perception.drive_check.sample import DriveSample
 from upvl_cli.perception.sensor.card import SensorCard
 from upvl_cli.perception.sensor.intensity import measure_intensity
@@ -93,7 +93,7 @@ def check_own_car(card: SensorCard) -> Iterator[Finding]:
         f"{card.car.points} points a sweep move as the car does, x {back:.1f} to {front:.1f}, "
         f"y {right:.1f} to {left:.1f} m"
     )
-    remedy = f"set car_m = [{back:.1f}, {front:.1f}, {right:.1f}, {left:.1f}] under [corrections] in raw.toml"
+    remedy = correction(f"car_m = [{back:.1f}, {front:.1f}, {right:.1f}, {left:.1f}]")
     yield Finding("points", "warning", text, "", "", "the LiDAR sees the car that carries it", remedy)
 
 
@@ -203,7 +203,7 @@ def _intensities(sweeps: Sequence[Points]) -> Iterator[Finding]:
             "",
             evidence,
             cause,
-            f"set intensity_full = {found.full:.1f} under [corrections] in raw.toml",
+            correction(f"intensity_full = {found.full:.1f}"),
         )
     elif found.scale == "0 to 1" and found.highest <= _TWICE_DIVIDED:
         text = f"intensities go to {found.highest:.2g} only, expected 0 to 1"
@@ -215,7 +215,7 @@ def _intensities(sweeps: Sequence[Points]) -> Iterator[Finding]:
             "",
             evidence,
             cause,
-            f"set intensity_full = {1 / 255:.6f} under [corrections] in raw.toml",
+            correction(f"intensity_full = {1 / 255:.6f}"),
         )
 
 
@@ -275,7 +275,3 @@ def _doubled_share(xyz_m: Array) -> float:
 def _places(names: Sequence[int]) -> str:
     named = ", ".join(map(str, names[:_NAMED]))
     return f"frame {named}" + (f" and {len(names) - _NAMED} more" if len(names) > _NAMED else "")
-
-
-def _scale_remedy(full: float) -> str:
-    return f"set intensity_full = {full:.6g} under [corrections] in raw.toml"

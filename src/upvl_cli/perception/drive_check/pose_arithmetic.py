@@ -9,7 +9,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from upvl_cli.geometry.se3 import compose, inverse
-from upvl_cli.perception.drive_check.finding import Finding
+from upvl_cli.perception.drive_check.finding import Finding, correction
 from upvl_cli.perception.drive_check.motion_config import MotionLimitsConfig
 from upvl_cli.types import Array, Bools, Floats, Frame, Ints
 
@@ -19,7 +19,7 @@ _MOVES_MPS = (
     1.0  # neighbours of a repeated pose that move at least that fast show that the car does not stand
 )
 _FEW = 0.2  # share of steps up to which deviations are single jumps
-ESTIMATED = 'set poses = "ignored" under [corrections] in raw.toml'
+ESTIMATED = correction('poses = "ignored"')
 
 
 @dataclass(frozen=True)

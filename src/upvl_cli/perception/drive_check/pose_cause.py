@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from upvl_cli.perception.drive_check.finding import correction
 from upvl_cli.perception.drive_check.motion_config import MotionLimitsConfig
 from upvl_cli.perception.drive_check.motion_survey import MotionSurvey
 from upvl_cli.perception.drive_check.pose_arithmetic import ESTIMATED
@@ -55,7 +56,7 @@ def _mend(candidate: PoseHypothesis, pairs: PosePairs) -> tuple[str, str]:
     """Return cause and remedy; of points turned by 180 degrees what is turned is seen by the sense of the motion."""
     is_half_turn = candidate.remedy.startswith('set pose_axes = ["-x", "-y", "z"]')
     if is_half_turn and np.median(pairs.measured[:, 0, 3]) < 0:
-        line = 'set axes = ["-x", "-y", "z"] under [corrections] in raw.toml'
+        line = correction('axes = ["-x", "-y", "z"]')
         return "axes of the points turned by 180 degrees", line
     return candidate.cause, candidate.remedy
 
@@ -76,7 +77,7 @@ def _scale_cause(scale: float, pairs: PosePairs, survey: MotionSurvey) -> tuple[
     low_m, high_m = _LIDAR_HEIGHT_M
     of_points = f"points are in {_unit_name(points_m)}, not in metres"
     of_poses = f"positions of the poses are in {_unit_name(scale)}, not in metres"
-    points_line = f"set metres_per_unit = {_snap(points_m):.4g} under [corrections] in raw.toml"
+    points_line = correction(f"metres_per_unit = {_snap(points_m):.4g}")
     poses_line = f"multiply the positions by {_snap(scale):.4g}, or {ESTIMATED}"
     if low_m < height < high_m:
         return of_poses, poses_line

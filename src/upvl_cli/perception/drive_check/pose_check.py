@@ -8,7 +8,7 @@ import numpy as np
 
 from upvl_cli.geometry.se3 import apply, compose, inverse
 from upvl_cli.perception.drive_check.axes_check import AxesEstimate
-from upvl_cli.perception.drive_check.finding import Finding, Level
+from upvl_cli.perception.drive_check.finding import Finding, Level, correction
 from upvl_cli.perception.drive_check.motion_config import MotionLimitsConfig
 from upvl_cli.perception.drive_check.motion_survey import MotionSurvey
 from upvl_cli.perception.drive_check.pose_arithmetic import ESTIMATED, frame_list, path_steps
@@ -190,7 +190,7 @@ def _agreement(
         yield Finding("poses", "fault", words, "", evidence, turn_cause, ESTIMATED)
     elif delay is not None and delay.is_clear(limits):
         words = f"they are {abs(delay.seconds):.3f} s {'late' if delay.seconds > 0 else 'early'}"
-        line = f"set pose_delay_s = {delay.seconds:.3f} under [corrections] in raw.toml"
+        line = correction(f"pose_delay_s = {delay.seconds:.3f}")
         evidence += f"; standard deviation {delay.sigma_s:.3f} s"
         yield Finding("poses", "warning", words, "", evidence, "clocks of poses and sweeps differ", line)
     elif not off.any():

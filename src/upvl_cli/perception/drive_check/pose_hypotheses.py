@@ -14,9 +14,10 @@ import numpy as np
 
 from upvl_cli.geometry.path import pose_at
 from upvl_cli.geometry.se3 import compose, from_yaw, inverse, wrap_angle, yaw_of
+from upvl_cli.perception.drive_check.finding import correction
+from upvl_cli.perception.drive_check.pose_arithmetic import ESTIMATED
 from upvl_cli.types import Array, Floats, Ints
 
-ESTIMATE = 'or set poses = "ignored" under [corrections] in raw.toml'
 _NAMES = ("x", "y", "z")
 # The axes that poses come in most often, in this order: camera (z forward), aerospace, right-forward-up, backwards.
 _FREQUENT_AXES = (("z", "-x", "-y"), ("x", "-y", "-z"), ("y", "-x", "z"), ("-y", "x", "z"), ("-x", "-y", "z"))
@@ -100,7 +101,7 @@ def hypotheses(pairs: PosePairs, max_delay_s: float) -> Iterator[PoseHypothesis]
     upside_down = inverse(pairs.world_from_ego)
     flipped = pairs.between(upside_down)
     cause = "each pose is ego_from_world, the inverse of what is expected"
-    yield PoseHypothesis(cause, 'set poses = "ego_from_world" under [corrections] in raw.toml', 1, flipped)
+    yield PoseHypothesis(cause, correction('poses = "ego_from_world"'), 1, flipped)
     yield from _headings(pairs)
     yield from _other_axes(pairs.given, "", "")
     yield from _other_axes(flipped, "each pose is ego_from_world, and ", 'poses = "ego_from_world" and ')
@@ -125,7 +126,7 @@ def _other_axes(motions: Floats, cause: str, remedy: str) -> Iterator[PoseHypoth
         words = f"its axes are not x forward, y left, z up: these are {', '.join(names)} of the poses"
         if is_mirror:
             words = f"left and right are swapped in the poses or in the points ({', '.join(names)})"
-        line = f"set {remedy}pose_axes = [{listed}] under [corrections] in raw.toml"
+        line = correction(f"{remedy}pose_axes = [{listed}]")
         yield PoseHypothesis(cause + words, line, rank, compose(compose(turn, motions), _transposed(turn)))
 
 
@@ -154,7 +155,7 @@ def _headings(pairs: PosePairs) -> Iterator[PoseHypothesis]:
         place = np.stack([length_m * np.cos(direction), length_m * np.sin(direction), step[:, 2]], axis=1)
         motions = from_yaw(turned[pairs.second] - turned[pairs.first], place)
         cause, rank = _heading_cause(mirrored, factor, offset)
-        yield PoseHypothesis(cause, f"mend the file of the poses, {ESTIMATE}", rank, motions)
+        yield PoseHypothesis(cause, f"mend the file of the poses, or {ESTIMATED}", rank, motions)
 
 
 def _circular_median(angles: Floats) -> float:
@@ -205,7 +206,7 @@ def _other_order(pairs: PosePairs) -> Iterator[PoseHypothesis]:
         ]
     )
     cause = "each pose is the step from the frame before, not a place in the world"
-    yield PoseHypothesis(cause, f"chain the steps, {ESTIMATE}", 6, steps.reshape(-1, 4, 4))
+    yield PoseHypothesis(cause, f"chain the steps, or {ESTIMATED}", 6, steps.reshape(-1, 4, 4))
 
 
 def _product(motions: Sequence[Array] | Array) -> Floats:
@@ -226,5 +227,5 @@ def _delays(pairs: PosePairs, max_delay_s: float, step_s: float = 0.05) -> Itera
             words = f"poses are {abs(delay_s):.2f} s {'late' if delay_s > 0 else 'early'}"
             if abs(frames - round(frames)) < 0.1 and round(frames):
                 words += f" ({abs(round(frames))} frame{'s' if abs(round(frames)) > 1 else ''})"
-            line = f"set pose_delay_s = {delay_s:.2f} under [corrections] in raw.toml"
+            line = correction(f"pose_delay_s = {delay_s:.2f}")
             yield PoseHypothesis(words, line, 3, pairs.after(delay_s))

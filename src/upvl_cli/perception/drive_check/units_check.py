@@ -9,7 +9,7 @@ import numpy as np
 
 from upvl_cli.config.base import Config, setting
 from upvl_cli.geometry.road_height import road_height_m
-from upvl_cli.perception.drive_check.finding import Finding
+from upvl_cli.perception.drive_check.finding import Finding, correction
 from upvl_cli.perception.drive_check.sample import DriveSample
 from upvl_cli.perception.sensor.origin import find_origin
 from upvl_cli.types import Array, Points
@@ -101,7 +101,7 @@ def _judge(scale: PointScale, sweeps: int, config: UnitsCheckConfig) -> Finding:
     clear = surprise["metres"] - surprise[best] > config.min_evidence
     impossible = _is_impossible(scale, config)
     if best != "metres" and clear and not _is_impossible(_times(scale, UNITS[best]), config):
-        remedy = f"set metres_per_unit = {UNITS[best]:g} under [corrections] in raw.toml"
+        remedy = correction(f"metres_per_unit = {UNITS[best]:g}")
         text += f": in {best} that would be usual"
         return Finding(
             "units", "fault" if impossible else "warning", text, "", evidence, f"points in {best}", remedy

@@ -8,12 +8,11 @@ import numpy as np
 
 from upvl_cli.perception.odometry.config import KissIcpConfig, StructureConfig
 from upvl_cli.perception.odometry.constant_velocity import compensate_motion
+from upvl_cli.perception.voxels import row_keys
 from upvl_cli.types import Bools, Floats, Ints
 
-_MAP_SHARE, _SOURCE_SHARE = (
-    0.5,
-    1.5,
-)  # voxels of what enters the map and of what is registered (KISS-ICP, III-B)
+# Voxels of what enters the map and of what is registered (KISS-ICP, III-B).
+_MAP_SHARE, _SOURCE_SHARE = 0.5, 1.5
 
 
 @dataclass(frozen=True)
@@ -110,11 +109,10 @@ def first_in_voxels(xyz_m: Floats, voxel_m: float) -> Ints:
     """Return the places of the first point of each voxel, ascending.
 
     Args:
-        xyz_m: (n, 3) points within a million voxels of the origin.
+        xyz_m: (n, 3) points.
         voxel_m: Edge of the voxels.
     """
-    cells = np.floor(xyz_m / voxel_m).astype(np.int64) + 2**20
-    keys = (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2]
+    keys = row_keys(np.floor(xyz_m / voxel_m).astype(np.int64))
     return np.sort(np.unique(keys, return_index=True)[1])
 
 
