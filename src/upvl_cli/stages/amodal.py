@@ -163,7 +163,7 @@ def _parts(
                 ended, known = begun.pop(track_id), shapes.get(track_id)
                 if known is not None:
                     here = known.heading_rad[number + 1 - len(ended) : number + 1]
-                    known = KnownShape(known.size_lwh_m, here)
+                    known = KnownShape(known.size_lwh_m, here, known.moves)
                 yield _Part(ended, known)
             if number + 1 == rows:
                 del seen[track_id]
@@ -176,10 +176,12 @@ def _shapes_of_long_tracks(
     """Return one size for each track of several parts, from frames spread over all of it, and its headings."""
     import numpy as np
 
+    from upvl_cli.geometry.boxes import transform
     from upvl_cli.geometry.se3 import rotate
     from upvl_cli.perception.amodal.fit import KnownShape
     from upvl_cli.perception.amodal.heading import moving_headings
     from upvl_cli.perception.amodal.track_parts import spread
+    from upvl_cli.types import Boxes
 
     chosen = {
         k: set(spread(int(totals.rows[k]), config.max_sightings)) for k in np.flatnonzero(parts > 1).tolist()
@@ -187,15 +189,19 @@ def _shapes_of_long_tracks(
     if not chosen:
         return {}
     velocity_mps: dict[int, list[Array]] = {track_id: [] for track_id in chosen}
+    box_rows: dict[int, list[Array]] = {track_id: [] for track_id in chosen}
     poses = inputs.table("odometry", OdometryRow)
 
     def is_chosen(row: TrackRow) -> Bools:
-        turned = rotate(poses[row.frame].world_from_ego, row.velocity_mps)[:, :2]
+        world_from_ego = poses[row.frame].world_from_ego
+        turned = rotate(world_from_ego, row.velocity_mps)[:, :2]
+        placed = transform(row.boxes, world_from_ego).to_rows()
         wanted = np.zeros(len(row.track_id), dtype=np.bool_)
         for box, track_id in enumerate(row.track_id.tolist()):
             if track_id in chosen:
                 wanted[box] = len(velocity_mps[track_id]) in chosen[track_id]
                 velocity_mps[track_id].append(turned[box])
+                box_rows[track_id].append(placed[box])
         return wanted
 
     samples: dict[int, list[_Sighting]] = {track_id: [] for track_id in chosen}
@@ -205,10 +211,12 @@ def _shapes_of_long_tracks(
     shapes = {}
     for track_id, sample in samples.items():
         _, boxes = _fit(config, _Part(sample, None))
-        heading_rad = moving_headings(np.array(velocity_mps[track_id]), config.heading.min_speed_mps)
+        through = Boxes.from_rows(np.array(box_rows[track_id]))
+        heading_rad = moving_headings(through, np.array(velocity_mps[track_id]), config.heading)
+        moves = heading_rad is not None
         if heading_rad is None:
             heading_rad = np.full(totals.rows[track_id], boxes[0, 6])
-        shapes[track_id] = KnownShape(boxes[0, 3:6], heading_rad)
+        shapes[track_id] = KnownShape(boxes[0, 3:6], heading_rad, moves)
     return shapes
 
 
@@ -230,6 +238,7 @@ def _fit(config: AmodalConfig, part: _Part | None) -> tuple[_Part | None, Array]
     boxes = [sighting.frame.tracks.boxes[[sighting.row]] for sighting in seen]
     fitted = fit_amodal_boxes(
         Sightings(
+            np.array([sighting.frame.pose.time_ns * 1e-9 for sighting in seen]),
             [apply(pose, sighting.xyz_ego_m) for pose, sighting in zip(poses, seen, strict=True)],
             [sighting.height_m.astype(np.float64) for sighting in seen],
             concat([transform(box, pose) for box, pose in zip(boxes, poses, strict=True)], Boxes),

@@ -1,57 +1,71 @@
-"""Completion of the size and the center of an object of which a side is hidden."""
+"""Which sides of an object were shown to the sensor, and where its hidden part lies."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from upvl_cli.perception.amodal.config import SizeCompletionConfig
-from upvl_cli.types import Array
+from upvl_cli.perception.amodal.config import SizePriorConfig
+from upvl_cli.types import Array, Bools, Floats, Ints
 
 
-def person_size(height_m: float, config: SizeCompletionConfig) -> Array:
-    """Return (2,) length and width that a person of that height has at least; zeros for other heights.
-
-    Of a person one side is seen; a child is slimmer in proportion.
-    """
-    if not config.min_person_height_m <= height_m <= config.max_person_height_m:
-        return np.zeros(2)
-    adult_m = np.array([config.person_length_m, config.person_width_m])
-    return adult_m * min(height_m / config.person_height_m, 1.0)
-
-
-def complete_size(size_m: Array, min_size_m: Array, config: SizeCompletionConfig) -> Array:
-    """Return (2,) length and width, not below those of a person or, where it is that long or wide, of a car.
+def shown_sides(size_m: Floats, sensor_xy_m: Array, num_points: Ints, config: SizePriorConfig) -> Bools:
+    """Return (2,) whether the sensor saw the object from where its length shows, and from where its width does.
 
     Args:
-        size_m: (2,) length and width that were seen.
-        min_size_m: (2,) length and width of `person_size`.
-        config: Settings.
+        size_m: (2,) length and width that were seen, about the origin.
+        sensor_xy_m: (T, 2) sensor in the axes of the object.
+        num_points: (T,) points in each frame; those with less than half of the most do not count.
+        config: Angle from which a side shows.
     """
-    length_m, width_m = np.maximum(size_m, min_size_m)
-    if width_m > config.min_wheeled_width_m or length_m > config.min_car_length_m:
-        length_m, width_m = max(length_m, config.car_length_m), max(width_m, config.car_width_m)
-        length_m = max(length_m, config.min_aspect * width_m)
-    return np.array([length_m, width_m])
+    beyond_m = np.maximum(np.abs(sensor_xy_m) - size_m / 2, 0.0)
+    sine = beyond_m[:, ::-1] / np.maximum(np.linalg.norm(sensor_xy_m, axis=1, keepdims=True), 1e-9)
+    counts = 2 * num_points >= num_points.max(initial=0)
+    return np.asarray((sine[counts] >= np.sin(np.deg2rad(config.min_shown_deg))).any(axis=0))
 
 
 def complete_center(
-    low: Array, high: Array, sensor_xy_m: Array, size_m: Array, config: SizeCompletionConfig
+    low: Array, high: Array, sensor_xy_m: Array, size_m: Array, *, is_vehicle: bool
 ) -> Array:
-    """Return (T, 2) center of a box of that size whose hidden part lies behind the edge that faces the sensor.
+    """Return (T, 2) center of a box of that size whose hidden part lies behind what faces the sensor.
 
-    A vehicle shows a corner, so that this holds along and across. A small object shows one side, wholly: its
-    rest is behind that, along the line of sight.
+    A vehicle shows a corner: the hidden part lies away from the sensor, along and across; where the sensor is beside
+    what was seen, between its two ends, either end may be the hidden one, and the part is shared by both. A person
+    shows one side, wholly: the rest is behind that, along the line of sight.
 
     Args:
         low: (T, 2) lowest coordinates of what was seen, along and across the heading.
         high: (T, 2) highest coordinates.
         sensor_xy_m: (T, 2) sensor in the same axes.
         size_m: (2,) length and width of the box.
-        config: Settings.
+        is_vehicle: Whether it has flat sides.
     """
-    middle = (low + high) / 2
+    middle, half_m = (low + high) / 2, np.maximum((high - low) / 2, 1e-9)
     sight = middle - sensor_xy_m
-    away = np.sign(sight)
-    if size_m.max() <= config.min_wheeled_width_m:
+    if is_vehicle:
+        away = np.clip(sight / np.maximum(half_m, size_m / 2), -1, 1)
+    else:
         away = sight / np.maximum(np.linalg.norm(sight, axis=1, keepdims=True), 1e-9)
     return np.asarray(middle + away * (size_m - (high - low)) / 2)
+
+
+def anchor(registered: Array, faced: Array, time_s: Floats, window_s: float, *, fallback: Array) -> Array:
+    """Return (T, 2) centers of boxes: as registered, less the median by which the faces turned to the sensor are off.
+
+    Registration follows the shape of what is seen, and drifts where another part of it comes into view. A face that is
+    turned to the sensor is where the points end, whatever else is hidden; alone it strays from frame to frame.
+
+    Args:
+        registered: (T, 2) centers by registration; NaN in frames that are not registered.
+        faced: (T, 2) centers by the faces turned to the sensor, along and across; NaN where no face is.
+        time_s: (T,) ascending times.
+        window_s: Length of the window, about each frame, of which the median is taken.
+        fallback: (T, 2) centers for frames that are not registered.
+    """
+    off = faced - registered
+    center = fallback.copy()
+    for number in np.flatnonzero(np.isfinite(registered).all(axis=1)):
+        window = off[np.abs(time_s - time_s[number]) <= window_s / 2]
+        for axis in range(2):
+            known = window[np.isfinite(window[:, axis]), axis]
+            center[number, axis] = registered[number, axis] + (np.median(known) if len(known) else 0.0)
+    return center

@@ -38,6 +38,18 @@ class EdgeConfig(Config):
     min_frame_share: float = setting(
         "smallest share of the frames whose points reach out to an edge of the box", ge=0.001, le=1
     )
+    max_anchor_m: float = setting(
+        "largest distance of such a face from where registration puts it; a farther one ends where something hides it",
+        "m",
+        ge=0,
+        le=10,
+    )
+    anchor_window_s: float = setting(
+        "length of the window, about each frame, in which the faces turned to the sensor correct the registration",
+        "s",
+        ge=0,
+        le=3600,
+    )
 
 
 @dataclass(frozen=True)
@@ -49,6 +61,22 @@ class HeadingConfig(Config):
         "m/s",
         ge=0,
         le=200,
+    )
+    min_moving_share: float = setting(
+        "smallest share of the frames at that speed of what moves; with less, the object stands", ge=0, le=1
+    )
+    min_reach_m: float = setting(
+        "distance from its first place that what moves gets to; a small object need not get so far", "m", ge=0, le=100
+    )
+    min_reach_lengths: float = setting(
+        "the same in multiples of the longer side that is seen of the object; the lesser of both is asked",
+        ge=0,
+        le=100,
+    )
+    min_reach_share: float = setting(
+        "smallest ratio of that distance to the path from box to box; boxes of what stands go to and fro",
+        ge=0,
+        le=1,
     )
     low_vehicle_height_m: float = setting(
         "height up to which a parked object counts as a low vehicle", "m", ge=0, le=100
@@ -62,6 +90,12 @@ class HeadingConfig(Config):
     upper_share: float = setting(
         "share of the height from which on the points of a parked object belong to its upper part", ge=0, le=1
     )
+    min_wheeled_width_m: float = setting(
+        "width above which an object is no person or cyclist but a vehicle, longer than wide",
+        "m",
+        ge=0,
+        le=100,
+    )
     shoulder_width_m: float = setting(
         "largest extent of the upper part of a person; the face of one is not the end of a vehicle",
         "m",
@@ -71,32 +105,53 @@ class HeadingConfig(Config):
 
 
 @dataclass(frozen=True)
-class SizeCompletionConfig(Config):
-    """What is known of sizes where a side of an object is never seen."""
+class KindSizeConfig(Config):
+    """Sizes of one kind of road user, normally distributed."""
 
-    min_wheeled_width_m: float = setting(
-        "width above which an object is no person or cyclist but a vehicle, longer than wide",
-        "m",
-        ge=0,
-        le=100,
+    share: float = setting("how frequent the kind is", ge=0, le=1)
+    mean_lwh_m: tuple[float, ...] = setting("mean length, width and height", "m", gt=0, le=100)
+    spread_lwh_m: tuple[float, ...] = setting(
+        "standard deviation of length, width and height", "m", gt=0, le=100
     )
-    min_car_length_m: float = setting(
-        "length above which an object is longer than any bicycle, so a vehicle", "m", ge=0, le=100
+    max_speed_mps: float = setting(
+        "speed above which an object is not of this kind; 0 for no limit", "m/s", ge=0, le=200
     )
-    car_length_m: float = setting("smallest completed length of a vehicle", "m", ge=0, le=100)
-    car_width_m: float = setting("smallest completed width of a vehicle", "m", ge=0, le=100)
-    min_aspect: float = setting("smallest ratio of completed length to width of a vehicle", ge=1, le=100)
-    person_length_m: float = setting("smallest completed length of an adult", "m", ge=0, le=10)
-    person_width_m: float = setting("smallest completed width of an adult", "m", ge=0, le=10)
-    person_height_m: float = setting(
-        "height of an adult; what is lower has proportionally less length and width", "m", gt=0, le=10
+
+
+@dataclass(frozen=True)
+class SizePriorConfig(Config):
+    """What is known of sizes where a side of an object is not seen, or not wholly."""
+
+    min_shown_deg: float = setting(
+        "angle between the line of sight and a side from which on the extent of the side shows", "degrees", ge=0, le=90
     )
-    min_person_height_m: float = setting(
-        "height from which an object is completed as a person", "m", ge=0, le=10
+    whole_share_shown: float = setting(
+        "how likely the extent that was seen of a side that shows is its whole extent", ge=0, le=1
     )
-    max_person_height_m: float = setting(
-        "height up to which an object is completed as a person, or a rider", "m", ge=0, le=10
+    whole_share_hidden: float = setting("the same of a side that does not show", ge=0, le=1)
+    min_height_points: int = setting(
+        "points in one frame from which on the whole height was seen: far away a few beams hit", ge=0, le=10**6
     )
+    shortfall_share: float = setting(
+        "share of the whole length or width by which points fall short of it: edges are round", ge=0, le=0.5
+    )
+    extent_error_m: float = setting("standard deviation of that, plus a share of the side", "m", gt=0, le=10)
+    extent_error_share: float = setting("that share", ge=0, le=0.5)
+    other_share: float = setting("how frequent objects are that are of no kind", gt=0, le=1)
+    other_volume_m3: float = setting(
+        "volume of length x width x height over which the sizes of such objects are spread evenly", "m^3", gt=0
+    )
+    car: KindSizeConfig = table("cars, wagons and small vans")
+    van: KindSizeConfig = table("large vans and pickup trucks")
+    truck: KindSizeConfig = table("trucks")
+    bus: KindSizeConfig = table("buses")
+    two_wheeler: KindSizeConfig = table("cyclists and motorcyclists with their vehicle")
+    pedestrian: KindSizeConfig = table("pedestrians")
+
+    @property
+    def kinds(self) -> tuple[KindSizeConfig, ...]:
+        """All kinds."""
+        return (self.car, self.van, self.truck, self.bus, self.two_wheeler, self.pedestrian)
 
 
 @dataclass(frozen=True)
@@ -112,7 +167,10 @@ class AmodalGroundConfig(Config):
     percentile: float = setting(
         "percentile over time of the ground heights below a track that its boxes stand on", "%", ge=0, le=100
     )
-    window_frames: int = setting("frames of the window in which that percentile is taken", ge=1, le=10_000)
+    window_s: float = setting(
+        "length of the window, about each frame, in which that percentile is taken", "s", ge=0, le=3600
+    )
+    min_window_frames: int = setting("fewest frames of that window, the nearest in time", ge=1, le=10_000)
     max_standing_m: float = setting(
         "height of its lowest points below which an object stands on the ground in all frames",
         "m",
@@ -128,5 +186,5 @@ class AmodalFitConfig(Config):
     registration: TrackRegistrationConfig = table("registration of the clouds of a track")
     edges: EdgeConfig = table("where the points of an object end")
     heading: HeadingConfig = table("heading of the boxes")
-    size: SizeCompletionConfig = table("sizes of vehicles and persons of which a side is not seen")
+    size: SizePriorConfig = table("sizes of objects of which a side is not seen")
     ground: AmodalGroundConfig = table("how boxes stand on the ground")

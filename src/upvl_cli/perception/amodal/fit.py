@@ -8,15 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from upvl_cli.geometry.se3 import apply, inverse, wrap_angle
-from upvl_cli.perception.amodal.completion import complete_center, complete_size, person_size
-from upvl_cli.perception.amodal.config import AmodalFitConfig, EdgeConfig
-from upvl_cli.perception.amodal.edges import attained, trimmed_edges
+from upvl_cli.perception.amodal.completion import anchor, complete_center, shown_sides
+from upvl_cli.perception.amodal.config import AmodalFitConfig, EdgeConfig, SizePriorConfig
+from upvl_cli.perception.amodal.edges import MIN_EXTENT_POINTS, attained, trimmed_edges
 from upvl_cli.perception.amodal.heading import headings
 from upvl_cli.perception.amodal.sightings import Sightings
+from upvl_cli.perception.amodal.size_prior import whole_size
 from upvl_cli.perception.amodal.track_registration import register_track
 from upvl_cli.perception.amodal.vertical import vertical_extent
 from upvl_cli.perception.box_fit import to_heading_axes
-from upvl_cli.types import Array, Boxes, Floats
+from upvl_cli.types import Array, Boxes, Floats, Ints
 
 
 @dataclass(frozen=True)
@@ -26,10 +27,12 @@ class KnownShape:
     Attributes:
         size_lwh_m: (3,) its size.
         heading_rad: (T,) its heading in the frames of the part.
+        moves: Whether it moves at some time.
     """
 
     size_lwh_m: Floats
     heading_rad: Floats
+    moves: bool
 
 
 def fit_amodal_boxes(seen: Sightings, config: AmodalFitConfig, known: KnownShape | None = None) -> Boxes:
@@ -48,30 +51,66 @@ def fit_amodal_boxes(seen: Sightings, config: AmodalFitConfig, known: KnownShape
         _above_clearance(xyz_m, height_m, config.ground.ground_clearance_m)
         for xyz_m, height_m in zip(seen.xyz_m, seen.height_m, strict=True)
     ]
-    heading_rad = headings(seen, clouds, config) if known is None else known.heading_rad
-    clouds, sensor_xy_m = _to_box_axes(clouds, seen, heading_rad)
-    motions = register_track(clouds, config.registration)
+    heading_rad, moves = headings(seen, clouds, config) if known is None else (known.heading_rad, known.moves)
+    place_m = seen.boxes.center_m if moves else _one_place(seen.boxes)
+    clouds, sensor_xy_m = _to_box_axes(clouds, place_m, seen.sensor_xy_m, heading_rad)
+    motions = register_track(clouds, config.registration) if moves else _at_rest(clouds)
     low, high = trimmed_edges(clouds, config.edges.trim_share)
     floor_m, height_m = vertical_extent(seen, config)
-    min_size_m = person_size(height_m, config.size)
     if motions:
-        first, last, sensor_m = _registered_edges(clouds, motions, sensor_xy_m, config.edges)
+        first, last, sensors_m = _registered_edges(clouds, motions, sensor_xy_m, config.edges)
     else:
         extent_m = attained(high - low, config.edges.min_frame_share)
-        first, last, sensor_m = -extent_m / 2, extent_m / 2, sensor_xy_m.mean(axis=0)
-    size_m = complete_size(last - first, min_size_m, config.size)
-    if known is not None:
-        size_m, height_m = known.size_lwh_m[:2], float(known.size_lwh_m[2])
-    middle = complete_center(first[None], last[None], sensor_m[None], size_m, config.size)[0]
-    offset = complete_center(low, high, sensor_xy_m, size_m, config.size)
+        first, last, sensors_m = -extent_m / 2, extent_m / 2, sensor_xy_m
+    size_lwh_m = (
+        _whole_size(
+            (last - first, height_m),
+            sensors_m - (first + last) / 2,
+            np.array([len(clouds[number]) for number in (motions or range(len(clouds)))]),
+            float(np.hypot(*seen.velocity_mps[:, :2].T).max()) if moves else 0.0,
+            config.size,
+        )
+        if known is None
+        else known.size_lwh_m
+    )
+    size_m, height_m = size_lwh_m[:2], float(size_lwh_m[2])
+    is_vehicle = bool(size_m[1] > config.heading.min_wheeled_width_m)
+    middle = complete_center(
+        first[None], last[None], sensors_m.mean(axis=0)[None], size_m, is_vehicle=is_vehicle
+    )[0]
+    offset = complete_center(low, high, sensor_xy_m, size_m, is_vehicle=is_vehicle)
+    registered = np.full_like(offset, np.nan)
     for number, motion in motions.items():
-        offset[number] = _move(inverse(motion), middle)
-    xy_m = seen.boxes.center_m[:, :2] + to_heading_axes(_interpolate_missing(offset), -heading_rad)
+        registered[number] = _move(inverse(motion), middle)
+    facing = is_vehicle & (np.abs(sensor_xy_m - offset) > size_m / 2)
+    # A farther face is that of a part: something else hides the rest.
+    facing &= np.abs(offset - registered) <= config.edges.max_anchor_m
+    window_s = config.edges.anchor_window_s if moves else np.inf
+    offset = anchor(registered, np.where(facing, offset, np.nan), seen.time_s, window_s, fallback=offset)
+    xy_m = place_m[:, :2] + to_heading_axes(_interpolate_missing(offset), -heading_rad)
     return Boxes(
         np.column_stack([xy_m, floor_m + height_m / 2]),
         np.tile([*size_m, height_m], (len(xy_m), 1)),
         wrap_angle(heading_rad),
     )
+
+
+def _whole_size(
+    seen_m: tuple[Array, float], sensor_xy_m: Array, num_points: Ints, speed_mps: float, config: SizePriorConfig
+) -> Array:
+    """Return (3,) length, width and height of the whole object.
+
+    Args:
+        seen_m: (2,) length and width that were seen, and the height.
+        sensor_xy_m: (T, 2) sensor about the center of what was seen, along and across.
+        num_points: (T,) points of each frame.
+        speed_mps: The highest speed of the object.
+        config: What is known of sizes.
+    """
+    flat_m, height_m = seen_m
+    is_tall = num_points.max(initial=0) >= config.min_height_points
+    is_shown = np.append(shown_sides(flat_m, sensor_xy_m, num_points, config), is_tall)
+    return whole_size(np.append(flat_m, height_m), is_shown, speed_mps, config)
 
 
 def _above_clearance(xyz_m: Floats, height_m: Floats, ground_clearance_m: float) -> Floats:
@@ -80,26 +119,36 @@ def _above_clearance(xyz_m: Floats, height_m: Floats, ground_clearance_m: float)
     return xyz_m[is_body] if is_body.any() else xyz_m
 
 
+def _one_place(boxes: Boxes) -> Array:
+    """Return (T, 3) the median center of the boxes of an object that stands, for each of them."""
+    return np.tile(np.median(boxes.center_m, axis=0), (len(boxes), 1))
+
+
+def _at_rest(clouds_m: Sequence[Floats]) -> dict[int, Array]:
+    """Return no motion for each cloud with an extent: those of an object that stands lie as they should."""
+    return {number: np.eye(4) for number, cloud in enumerate(clouds_m) if len(cloud) >= MIN_EXTENT_POINTS}
+
+
 def _to_box_axes(
-    clouds_m: Sequence[Floats], seen: Sightings, heading_rad: Array
+    clouds_m: Sequence[Floats], center_m: Array, sensor_xy_m: Array, heading_rad: Array
 ) -> tuple[list[Array], Array]:
-    """Return points and (T, 2) sensor of each frame about the center of its box, x along the heading."""
-    center_m, turned = seen.boxes.center_m, []
+    """Return points and (T, 2) sensor of each frame about a center of its own, x along the heading."""
+    turned = []
     for cloud, center, angle in zip(clouds_m, center_m, heading_rad, strict=True):
         flat = to_heading_axes(cloud[:, :2] - center[:2], angle)
         turned.append(np.column_stack([flat, cloud[:, 2] - center[2]]))
-    return turned, to_heading_axes(seen.sensor_xy_m - center_m[:, :2], heading_rad)
+    return turned, to_heading_axes(sensor_xy_m - center_m[:, :2], heading_rad)
 
 
 def _registered_edges(
     clouds_m: Sequence[Floats], motions: Mapping[int, Array], sensor_xy_m: Array, config: EdgeConfig
 ) -> tuple[Array, Array, Array]:
-    """Return (2,) lowest and highest edge and mean sensor position in the axes of the densest cloud."""
+    """Return (2,) lowest and highest edge and (k, 2) sensor positions in the axes of the densest cloud."""
     moved = [apply(motion, clouds_m[number]) for number, motion in motions.items()]
     low, high = trimmed_edges(moved, config.trim_share)
     sensors = np.array([_move(motion, sensor_xy_m[number]) for number, motion in motions.items()])
     first, last = -attained(-low, config.min_frame_share), attained(high, config.min_frame_share)
-    return first, last, sensors.mean(axis=0)
+    return first, last, sensors
 
 
 def _move(motion: Array, xy_m: Array) -> Array:

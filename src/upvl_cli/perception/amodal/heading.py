@@ -6,39 +6,48 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from upvl_cli.perception.amodal.config import AmodalFitConfig
+from upvl_cli.perception.amodal.config import AmodalFitConfig, HeadingConfig
 from upvl_cli.perception.amodal.edges import MIN_EXTENT_POINTS, trimmed_extent
 from upvl_cli.perception.amodal.sightings import Sightings
 from upvl_cli.perception.box_fit import rectangle_heading, to_heading_axes
-from upvl_cli.types import Array, Floats
+from upvl_cli.types import Array, Boxes, Floats
 
 STEP_RAD = float(np.deg2rad(1.0))  # of the search for a heading: finer than points of range noise can tell
 EDGE_FLOOR_M = 0.05  # distances to an edge below range noise all count the same
 
 
-def headings(seen: Sightings, clouds_m: Sequence[Floats], config: AmodalFitConfig) -> Array:
-    """Return (T,) headings: that of the motion, held through stops; that of the shape where nothing moves.
+def headings(seen: Sightings, clouds_m: Sequence[Floats], config: AmodalFitConfig) -> tuple[Array, bool]:
+    """Return (T,) headings, and whether they are those of a motion, held through stops; else that of the shape.
 
     Args:
         seen: The object's track.
         clouds_m: T clouds (n, 3) of it, in world axes.
         config: Settings.
     """
-    heading_rad = moving_headings(seen.velocity_mps, config.heading.min_speed_mps)
+    heading_rad = moving_headings(seen.boxes, seen.velocity_mps, config.heading)
     if heading_rad is None:
-        return np.full(len(clouds_m), parked_heading(np.concatenate(clouds_m), seen, config))
-    return heading_rad
+        return np.full(len(clouds_m), parked_heading(np.concatenate(clouds_m), seen, config)), False
+    return heading_rad, True
 
 
-def moving_headings(velocity_mps: Floats, min_speed_mps: float) -> Array | None:
-    """Return (T,) directions of motion, held through stops; None where nothing moves.
+def moving_headings(boxes: Boxes, velocity_mps: Floats, config: HeadingConfig) -> Array | None:
+    """Return (T,) directions of motion, held through stops; None for what stands.
+
+    One noisy frame gives what is parked a speed. What drives or walks moves in a share of its frames, gets
+    somewhere for its length, and does so without much to and fro.
 
     Args:
+        boxes: T boxes in world axes.
         velocity_mps: (T, 2 or more) smooth velocity.
-        min_speed_mps: Speed from which its direction gives the heading.
+        config: Settings.
     """
-    moves = np.hypot(velocity_mps[:, 0], velocity_mps[:, 1]) >= min_speed_mps
-    if not moves.any():
+    moves = np.hypot(velocity_mps[:, 0], velocity_mps[:, 1]) >= config.min_speed_mps
+    if not moves.any() or moves.mean() < config.min_moving_share:
+        return None
+    steps_m = np.diff(boxes.center_m[:, :2], axis=0)
+    reach_m = float(np.linalg.norm(boxes.center_m[:, :2] - boxes.center_m[0, :2], axis=1).max())
+    asked_m = min(config.min_reach_m, config.min_reach_lengths * float(np.median(boxes.size_lwh_m[:, :2].max(axis=1))))
+    if reach_m < max(asked_m, config.min_reach_share * float(np.linalg.norm(steps_m, axis=1).sum())):
         return None
     heading_rad = np.unwrap(np.arctan2(velocity_mps[moves, 1], velocity_mps[moves, 0]))
     return np.asarray(np.interp(np.arange(len(moves)), np.flatnonzero(moves), heading_rad))
@@ -84,4 +93,4 @@ def _is_vehicle_end(
         and trimmed_extent(upper, config.edges.trim_share).max() <= rule.shoulder_width_m
     )
     max_width_m = rule.max_low_width_m if is_low else rule.max_high_width_m
-    return config.size.min_wheeled_width_m < longest_m <= max_width_m and not is_slim
+    return rule.min_wheeled_width_m < longest_m <= max_width_m and not is_slim

@@ -13,6 +13,7 @@ class Sightings:
     """What was seen of one object, frame by frame, in world axes.
 
     Attributes:
+        time_s: (T,) ascending time of each frame.
         xyz_m: T arrays (n, 3) of its points; some can be empty.
         height_m: T arrays (n,) of their heights over the ground.
         boxes: T boxes: place and size of what was seen in each frame.
@@ -21,6 +22,7 @@ class Sightings:
         sensor_heading_rad: (T,) heading of the car that carries it.
     """
 
+    time_s: Floats
     xyz_m: Sequence[Floats]
     height_m: Sequence[Floats]
     boxes: Boxes
