@@ -92,6 +92,7 @@ class CityDrive:
             without=self._without,
             seconds=len(self.frames) / self.rate_hz,
             density=self._settings.density,
+            clutter=self._settings.clutter,
         )
 
     @cached_property

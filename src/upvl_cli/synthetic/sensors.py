@@ -12,9 +12,10 @@ from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from upvl_cli.synthetic.mesh import Triple
-from upvl_cli.types import Array, Floats
+from upvl_cli.types import Floats
 
 SensorName = Literal[
     "waymo", "kitti", "twin32", "hdl32_20hz", "hdl32_2hz", "beams40", "beams16", "lyft_5hz", "solid_state"
@@ -83,9 +84,10 @@ def around(columns: int, start: float = 0.0) -> Floats:
     return np.asarray(np.pi - (np.arange(columns) + 0.5) * (2 * np.pi / columns) - 2 * np.pi * start)
 
 
-def _deg(*parts: Array | float) -> Floats:
+def _deg(*parts: ArrayLike) -> Floats:
     """Elevations in degrees as radians, from parts."""
-    return np.deg2rad(np.concatenate([np.atleast_1d(np.asarray(part, dtype=np.float64)) for part in parts]))
+    degrees = [np.atleast_1d(np.asarray(part, dtype=np.float64)) for part in parts]
+    return np.asarray(np.deg2rad(np.concatenate(degrees)))
 
 
 def _short(mount_m: Triple, yaw_rad: float) -> Lidar:
@@ -211,7 +213,7 @@ SENSORS: Mapping[SensorName, SensorPreset] = MappingProxyType(
         "solid_state": _SOLID_STATE,
     }
 )
-SENSOR_EFFECTS: Mapping[SensorName, str] = MappingProxyType(
+SENSOR_EFFECTS: Mapping[str, str] = MappingProxyType(
     {
         "waymo": "64 beams on the roof and four LiDARs of short range, 10 Hz",
         "kitti": "64 beams 1.73 m high, 10 Hz",
