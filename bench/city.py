@@ -27,6 +27,7 @@ from upvl_cli.synthetic.config import CityConfig
 from upvl_cli.synthetic.dataset import City
 from upvl_cli.synthetic.drive import CityDrive
 from upvl_cli.synthetic.lidar import directions
+from upvl_cli.synthetic.sensors import SENSORS
 
 SETTINGS = Path(__file__).parents[1] / "stages" / "synthetic.toml"
 MAX_S_PER_FRAME = 60 / 40
@@ -60,7 +61,7 @@ def made(settings: CityConfig) -> tuple[str, float, float]:
 def plain_s(settings: CityConfig) -> float:
     """Seconds for a million rays against what stands still, without anything else."""
     caster = Caster(replace(City(settings).open("train-000").scene, things=()))
-    _, way, _, _ = directions()
+    _, way, _, _ = directions(SENSORS["waymo"])
     ways = np.resize(way, (1_000_000, 3)).astype(np.float32)
     rays = Rays(
         np.tile(np.float32([0, -2, 2]), (len(ways), 1)), ways, np.zeros(len(ways), np.int64), np.zeros(1)

@@ -20,10 +20,9 @@ from upvl_cli.perception.visual.config import VisibilityConfig
 from upvl_cli.perception.visual.views import OCCLUDED, SEEN, move_to_time, visibility
 from upvl_cli.stages.extract_vl import ExtractVlConfig
 from upvl_cli.stages.ground import GroundConfig
-from upvl_cli.synthetic.cameras import trigger_s
 from upvl_cli.synthetic.cast import Caster
 from upvl_cli.synthetic.config import CityConfig
-from upvl_cli.synthetic.drive import RATE_HZ, CityDrive
+from upvl_cli.synthetic.drive import CityDrive
 from upvl_cli.types import Camera
 
 STAGES = Path(__file__).parents[1] / "stages"
@@ -51,8 +50,8 @@ def main() -> None:
 
 def _agreement(drive: CityDrive, frame: int, camera: Camera, limits: VisibilityConfig) -> np.ndarray:
     points, truth = drive.points_with_truth(frame)
-    late_s = trigger_s(camera.name)
-    time_s = frame / RATE_HZ + late_s
+    late_s = drive.trigger_s(camera.name)
+    time_s = frame / drive.rate_hz + late_s
     pose = pose_at(drive, time_s)
     xyz = move_to_time(points.xyz_ego_m, truth.velocity_mps, late_s, drive.world_from_ego[frame], pose)
     ground = load(GroundConfig, STAGES / "ground.toml")

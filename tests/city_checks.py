@@ -8,10 +8,8 @@ import numpy as np
 
 from upvl_cli.geometry.camera import project
 from upvl_cli.geometry.se3 import apply, inverse
-from upvl_cli.synthetic.cameras import trigger_s
 from upvl_cli.synthetic.cast import Caster, Rays
-from upvl_cli.synthetic.drive import RATE_HZ, CityDrive
-from upvl_cli.synthetic.lidar import ROOF_M
+from upvl_cli.synthetic.drive import CityDrive
 from upvl_cli.types import Array, Bools, Camera, Floats
 
 SEEN_M = 0.05  # a camera sees a point when nothing is more than this nearer
@@ -56,9 +54,9 @@ def projection(drive: CityDrive, frame: int, camera: Camera) -> Projection:
     caster = Caster(drive.scene)
     points, truth = drive.points_with_truth(frame)
     _, pixels = drive.image_with_truth(frame, camera.name)
-    time_s = frame / RATE_HZ + trigger_s(camera.name)
+    time_s = frame / drive.rate_hz + drive.trigger_s(camera.name)
     # Where each point is when the camera looks: what moves has moved since the LiDAR saw it.
-    late_s = time_s - (frame / RATE_HZ + points.time_offset_ns / 1e9)
+    late_s = time_s - (frame / drive.rate_hz + points.time_offset_ns / 1e9)
     xyz = points.xyz_ego_m + truth.velocity_mps * late_s[:, None]
     world = apply(drive.world_from_ego[frame], xyz)
     pose = pose_at(drive, time_s)
@@ -100,14 +98,14 @@ def flow_residual_m(drive: CityDrive, frame: int) -> Floats:
     rigid = np.array([len(thing.model.parts) == 1 and thing.motion.moves for thing in drive.scene.things])
     chosen = np.flatnonzero((truth.thing >= 0) & rigid[truth.thing] & (points.sensor == 0))
     world = apply(
-        drive.world_from_ego[frame], points.xyz_ego_m[chosen] + truth.velocity_mps[chosen] / RATE_HZ
+        drive.world_from_ego[frame], points.xyz_ego_m[chosen] + truth.velocity_mps[chosen] / drive.rate_hz
     )
     residual = []
     time_ns = points.time_offset_ns[chosen]
     for column in np.unique(time_ns)[::20]:
         here = np.flatnonzero(time_ns == column)
-        time_s = (frame + 1) / RATE_HZ + column / 1e9
-        eye = apply(pose_at(drive, time_s), np.array([ROOF_M]))[0]
+        time_s = (frame + 1) / drive.rate_hz + column / 1e9
+        eye = apply(pose_at(drive, time_s), np.array([drive.sensors.lidars[0].mount_m]))[0]
         met_m, thing = first_on_way(caster, eye, world[here], time_s)
         seen: Bools = thing == truth.thing[chosen[here]]
         far = np.linalg.norm(world[here] - eye, axis=1)

@@ -18,7 +18,7 @@ from upvl_cli.geometry.iou import iou_3d
 from upvl_cli.synthetic.cameras import CAMERAS, tiles
 from upvl_cli.synthetic.config import CityConfig
 from upvl_cli.synthetic.dataset import City
-from upvl_cli.synthetic.drive import RATE_HZ, CityDrive
+from upvl_cli.synthetic.drive import CityDrive
 from upvl_cli.synthetic.kinds import KINDS
 from upvl_cli.synthetic.labels import GROUND_NAMES, CityFlow, CityLabels, is_labelled
 from upvl_cli.synthetic.piece import STUFF
@@ -160,7 +160,7 @@ def test_velocities_of_labels_are_what_they_move() -> None:
         boxes.center_m @ pose[frame, :3, :3].T + pose[frame, :3, 3]
         for frame, boxes in enumerate((first, second))
     ]
-    moved = (world[1] - world[0]) * RATE_HZ
+    moved = (world[1] - world[0]) * drive().rate_hz
     np.testing.assert_allclose(first.velocity_mps @ pose[0, :3, :3].T, moved, atol=0.05)
 
 

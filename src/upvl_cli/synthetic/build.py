@@ -8,12 +8,13 @@ import numpy as np
 
 from upvl_cli.geometry.iou import iou_bev
 from upvl_cli.synthetic.kinds import KINDS
+from upvl_cli.synthetic.land import car_parks, open_land
 from upvl_cli.synthetic.mesh import Triple
 from upvl_cli.synthetic.motion import SAMPLE_HZ, Motion
 from upvl_cli.synthetic.pedestrians import parked, things_about, walkers
 from upvl_cli.synthetic.road import road
 from upvl_cli.synthetic.scene import CityScene, Thing
-from upvl_cli.synthetic.surroundings import surroundings
+from upvl_cli.synthetic.surroundings import cluttered, surroundings
 from upvl_cli.synthetic.traffic import FIRST_S, traffic
 from upvl_cli.types import Boxes, Floats, concat
 
@@ -21,9 +22,12 @@ _CHECKS = 4  # times at which nothing may stand in another thing
 _EGO_SIZE_M = (6.0, 2.2, 2.0)
 # Each purpose has random numbers of its own, so that a change to one leaves the others as they are.
 _ROAD, _AROUND, _LIGHT, _TRAFFIC, _WALKERS, _PARKED, _ABOUT = range(7)
+_LAND, _CAR_PARKS, _CLUTTER = range(20, 23)
 
 
-def build(seed: Sequence[int], *, without: Sequence[str], seconds: float, density: float) -> CityScene:
+def build(
+    seed: Sequence[int], *, without: Sequence[str], seconds: float, density: float, clutter: float
+) -> CityScene:
     """Return a stretch of city.
 
     Args:
@@ -31,6 +35,7 @@ def build(seed: Sequence[int], *, without: Sequence[str], seconds: float, densit
         without: Kinds that are left out.
         seconds: How long things move.
         density: Factor on the number of things.
+        clutter: How much open land and growth there is beside the street; 0 for none.
     """
 
     def chance(purpose: int) -> np.random.Generator:
@@ -49,7 +54,10 @@ def build(seed: Sequence[int], *, without: Sequence[str], seconds: float, densit
         *walkers(street, kinds, density, is_red=is_red, samples=samples, rng=chance(_WALKERS)),
         *things_about(street, kinds, density, chance(_ABOUT)),
     ]
-    return CityScene(_apart(things, ego, seconds), surroundings(street, chance(_AROUND)), ego)
+    land = open_land(street, chance(_LAND), clutter)
+    things += car_parks(street, land, kinds, density, chance(_CAR_PARKS))
+    around = cluttered(surroundings(street, chance(_AROUND)), street, land, chance(_CLUTTER), clutter)
+    return CityScene(_apart(things, ego, seconds), around, ego)
 
 
 def _apart(things: Sequence[Thing], ego: Motion, seconds: float) -> tuple[Thing, ...]:

@@ -8,7 +8,6 @@ import numpy as np
 
 from upvl_cli.geometry.camera import rays as camera_rays
 from upvl_cli.synthetic.cast import NOTHING, Caster, RayHits, Rays
-from upvl_cli.synthetic.lidar import TURN_S
 from upvl_cli.synthetic.surface import Finish
 from upvl_cli.synthetic.textures import TEXTURES, brightness
 from upvl_cli.synthetic.weather import Weather
@@ -50,9 +49,14 @@ def camera(name: str) -> Camera:
 CAMERAS = tuple(camera(name) for name in YAW_DEG)
 
 
-def trigger_s(name: str) -> float:
-    """Seconds after the frame at which a camera exposes: when the LiDAR looks its way."""
-    return -YAW_DEG[name] / 360 * TURN_S
+def trigger_s(name: str, turn_s: float) -> float:
+    """Seconds after the frame at which a camera exposes: when the LiDAR looks its way.
+
+    Args:
+        name: Of the camera.
+        turn_s: How long a turn of the LiDAR takes; 0 where it does not turn.
+    """
+    return -YAW_DEG[name] / 360 * turn_s
 
 
 def pixel_rays(caster: Caster, seen_by: Camera, time_s: float, rolling_s: float) -> Rays:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from upvl_cli.config.base import Config, setting
+from upvl_cli.synthetic.sensors import SENSOR_EFFECTS, SensorName
 
 SPLITS = ("train", "val", "test")
 
@@ -13,7 +14,10 @@ SPLITS = ("train", "val", "test")
 class CityConfig(Config):
     """How many drives there are, and how much chance may vary."""
 
-    frames: int = setting("sweeps of each drive, 10 a second", ge=1, le=600)
+    sensor: SensorName = setting(
+        "LiDARs of the car; they also set how many sweeps a second there are", effects=SENSOR_EFFECTS
+    )
+    frames: int = setting("sweeps of each drive", ge=1, le=600)
     train: int = setting("drives of the split train, named train-000 and so on", ge=0, le=1000)
     val: int = setting("drives of the split val", ge=0, le=1000)
     test: int = setting("drives of the split test", ge=0, le=1000)
@@ -22,6 +26,11 @@ class CityConfig(Config):
         "kinds of object that no drive of train has: novel ones for val and test"
     )
     density: float = setting("how many vehicles, people and things there are, beside the usual", ge=0, le=3)
+    clutter: float = setting(
+        "how much else stands beside the street: banks, ragged bushes and hedges, wire fences; 0 for none",
+        ge=0,
+        le=2,
+    )
     light: float = setting("how much sun, clouds and colours of the light vary, beside the usual", ge=0, le=2)
     haze: float = setting("how thick the haze may get, beside the usual", ge=0, le=10)
     noise: float = setting("noise of ranges and pictures, beside the usual", ge=0, le=10)

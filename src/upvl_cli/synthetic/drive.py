@@ -17,12 +17,12 @@ from upvl_cli.synthetic.build import build
 from upvl_cli.synthetic.cameras import CAMERAS, picture, tiles, trigger_s
 from upvl_cli.synthetic.cast import Caster, RayHits, world_places
 from upvl_cli.synthetic.config import CityConfig
-from upvl_cli.synthetic.lidar import REACH_M, rays_at, sweep
+from upvl_cli.synthetic.lidar import rays_at, sweep
 from upvl_cli.synthetic.scene import CityScene
+from upvl_cli.synthetic.sensors import SENSORS
 from upvl_cli.synthetic.weather import Weather, weather
 from upvl_cli.types import Array, Camera, Floats, Frame, Image, ParallelArrays, Points, array
 
-RATE_HZ = 10
 FIRST_NS = 10**9  # no time is negative, not even of what is seen before the first frame
 KEPT_SWEEPS = 64  # 4 MB each: the stages of one run read them again
 _SWEEP, _PICTURE, _WEATHER = 10, 11, 12
@@ -72,8 +72,10 @@ class CityDrive:
     ) -> None:
         """Name the drive; its city is built when the first sweep or picture is asked for."""
         self.name = name
+        self.sensors = SENSORS[settings.sensor]
+        self.rate_hz = self.sensors.rate_hz
         self.frames = tuple(
-            Frame(index, FIRST_NS + index * 10**9 // RATE_HZ) for index in range(settings.frames)
+            Frame(index, FIRST_NS + index * 10**9 // self.rate_hz) for index in range(settings.frames)
         )
         self._seed = tuple(seed)
         self._without = tuple(without)
@@ -88,8 +90,9 @@ class CityDrive:
         return build(
             self._seed,
             without=self._without,
-            seconds=len(self.frames) / RATE_HZ,
+            seconds=len(self.frames) / self.rate_hz,
             density=self._settings.density,
+            clutter=self._settings.clutter,
         )
 
     @cached_property
@@ -111,7 +114,7 @@ class CityDrive:
     @cached_property
     def world_from_ego(self) -> Array:
         """(T, 4, 4) pose of each of `frames`, exact."""
-        placed = self.scene.ego.at(np.array([frame.index / RATE_HZ for frame in self.frames]))
+        placed = self.scene.ego.at(np.array([frame.index / self.rate_hz for frame in self.frames]))
         poses = np.tile(np.eye(4), (len(self.frames), 1, 1))
         poses[:, :3, :3], poses[:, :3, 3] = placed.rotation, placed.place_m
         return poses
@@ -130,13 +133,13 @@ class CityDrive:
         points, hits, time_s = self._sweep(frame)
         moved = self._moved_m(hits, time_s)
         to_ego = self.world_from_ego[frame][:3, :3]
-        return points, PointTruth(hits.thing, hits.name, moved @ to_ego * RATE_HZ)
+        return points, PointTruth(hits.thing, hits.name, moved @ to_ego * self.rate_hz)
 
     def _sweep(self, frame: int) -> tuple[Points, RayHits, Floats]:
         """Return the points of a sweep, what each lies on, and the time of each."""
         time_s, caster = self._time_s(frame), self._caster
         rng = np.random.default_rng([*self._seed, _SWEEP, frame])
-        returns, hits = sweep(caster, time_s, self._settings.noise, rng)
+        returns, hits = sweep(caster, self.sensors, time_s, self._settings.noise, rng)
         points = Points(
             xyz_ego_m=apply(inverse(self.world_from_ego[frame]), returns.xyz_world_m),
             intensity=returns.intensity,
@@ -148,9 +151,9 @@ class CityDrive:
 
     def visible(self, frame: int) -> Floats:
         """(t,) share of the LiDARs' rays that would meet each thing alone which do meet it; NaN where none would."""
-        rays, _ = rays_at(self._caster, self._time_s(frame))
-        thing = self._caster.cast(rays, reach_m=REACH_M).thing
-        alone = self._caster.alone(rays, reach_m=REACH_M)
+        rays, _ = rays_at(self._caster, self.sensors, self._time_s(frame))
+        thing = self._caster.cast(rays, reach_m=self.sensors.reach_m).thing
+        alone = self._caster.alone(rays, reach_m=self.sensors.reach_m)
         seen = np.bincount(thing[thing >= 0], minlength=len(alone))
         return np.asarray(seen / np.where(alone > 0, alone, np.nan))
 
@@ -167,12 +170,16 @@ class CityDrive:
             *(values.reshape(height_px, width_px) for values in (hits.name, hits.thing, hits.range_m))
         )
 
+    def trigger_s(self, camera: str) -> float:
+        """Seconds after the frame at which a camera exposes: when the LiDAR looks its way."""
+        return trigger_s(camera, self.sensors.scan_s if self.sensors.spins else 0.0)
+
     def _picture(self, frame: int, camera: str) -> tuple[Image, RayHits]:
         """Return a picture, and what its pixels show, tile by tile."""
         known = [one.name for one in CAMERAS]
         if camera not in known:
             raise BadInput(f"{self.name} has no camera {camera!r}; it has {', '.join(known)}")
-        time_s = self._time_s(frame) + trigger_s(camera)
+        time_s = self._time_s(frame) + self.trigger_s(camera)
         rgb, hits = picture(
             self._caster,
             CAMERAS[known.index(camera)],
@@ -188,7 +195,7 @@ class CityDrive:
         moved = np.zeros((len(hits), 3))
         # Exactly 0 where nothing moves, and not a rounding error.
         goes = np.array([thing.motion.moves for thing in self.scene.things] + [False])[hits.thing]
-        moving, then_s = hits[goes], time_s[goes] + 1 / RATE_HZ
+        moving, then_s = hits[goes], time_s[goes] + 1 / self.rate_hz
         moved[goes] = world_places(self.scene, moving, then_s) - world_places(
             self.scene, moving, time_s[goes]
         )
@@ -197,4 +204,4 @@ class CityDrive:
     def _time_s(self, frame: int) -> float:
         if not 0 <= frame < len(self.frames):
             raise BadInput(f"{self.name} has no frame {frame}; it has the frames 0 to {len(self.frames) - 1}")
-        return frame / RATE_HZ
+        return frame / self.rate_hz

@@ -99,7 +99,7 @@ def _turned(grown: Mesh, place_m: Triple, rng: np.random.Generator) -> Mesh:
 def _bush(rng: np.random.Generator) -> Mesh:
     width, height = rng.uniform(0.8, 1.6), rng.uniform(0.7, 1.4)
     leaves = tinted(LEAVES, rng, 25)
-    return _rough(mesh.ellipsoid((width, width, height), (0.0, 0.0, height * 0.42), leaves), rng)
+    return rough(mesh.ellipsoid((width, width, height), (0.0, 0.0, height * 0.42), leaves), rng)
 
 
 def blocks(low_m: Array, high_m: Array, surface: Finish) -> Mesh:
@@ -110,7 +110,7 @@ def blocks(low_m: Array, high_m: Array, surface: Finish) -> Mesh:
     return mesh.of(corners.reshape(-1, 3), face, surface)
 
 
-def _rough(part: Mesh, rng: np.random.Generator) -> Mesh:
+def rough(part: Mesh, rng: np.random.Generator) -> Mesh:
     """Return the same with an uneven surface."""
     middle = part.corner_m.mean(axis=0)
     factor = rng.uniform(0.86, 1.14, (len(part.corner_m), 1))
@@ -140,7 +140,7 @@ def _leafy(rng: np.random.Generator, leaves: Finish, fine: bool, *, clear_m: flo
         ball = mesh.ellipsoid(
             (size, size, height), (x, y, middle), shades[number % 2], sides=10 if fine else 6
         )
-        parts.append(_rough(ball, rng))
+        parts.append(rough(ball, rng))
         if fine:
             start = (0.0, 0.0, float(low - 0.5 + 0.3 * share * tall))
             parts.append(mesh.tube(start, (x, y, middle), radius * 0.4, bark, sides=5))
@@ -163,7 +163,7 @@ def _conifer(rng: np.random.Generator, leaves: Finish, fine: bool) -> Mesh:
             end_radius_m=0.05,
             sides=11 if fine else 7,
         )
-        parts.append(_rough(cone, rng))
+        parts.append(rough(cone, rng))
     return mesh.merge(parts)
 
 

@@ -9,7 +9,7 @@ from upvl_cli.datasets.flow_truth import FlowTruth
 from upvl_cli.geometry.boxes import pairs_inside, transform
 from upvl_cli.geometry.se3 import inverse
 from upvl_cli.synthetic.dataset import City
-from upvl_cli.synthetic.drive import RATE_HZ, CityDrive
+from upvl_cli.synthetic.drive import CityDrive
 from upvl_cli.synthetic.kind import CYCLIST, OTHER, PEDESTRIAN, VEHICLE, Kind
 from upvl_cli.synthetic.kinds import CARS
 from upvl_cli.synthetic.piece import STUFF
@@ -85,7 +85,7 @@ def frame_boxes(drive: CityDrive, frame: int, things: Ints) -> FrameBoxes:
     points, truth = drive.points_with_truth(frame)
     center, size, velocity = np.zeros((3, len(things), 3))
     heading = np.zeros(len(things))
-    time_s = np.array([frame, frame + 1]) / RATE_HZ
+    time_s = np.array([frame, frame + 1]) / drive.rate_hz
     for row, number in enumerate(things):
         thing = drive.scene.things[number]
         placed = thing.motion.at(time_s)
@@ -93,7 +93,7 @@ def frame_boxes(drive: CityDrive, frame: int, things: Ints) -> FrameBoxes:
         center[row] = placed.world(np.tile([0, 0, height / 2], (2, 1)))[0]
         size[row] = thing.model.size_lwh_m
         heading[row] = np.arctan2(placed.rotation[0, 1, 0], placed.rotation[0, 0, 0])
-        velocity[row] = (placed.place_m[-1] - placed.place_m[0]) * RATE_HZ
+        velocity[row] = (placed.place_m[-1] - placed.place_m[0]) * drive.rate_hz
     pose = drive.world_from_ego[frame]
     boxes = transform(Boxes(center, size, heading), inverse(pose))
     box, _ = pairs_inside(points.xyz_ego_m, boxes, margin_m=0.0)

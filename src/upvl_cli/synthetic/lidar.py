@@ -1,4 +1,4 @@
-"""The LiDARs: one that spins on the roof, and four of short range around the car."""
+"""Sweeps of the LiDARs of a sensor preset."""
 
 from __future__ import annotations
 
@@ -8,21 +8,11 @@ from functools import cache
 import numpy as np
 
 from upvl_cli.synthetic.cast import Caster, RayHits, Rays
+from upvl_cli.synthetic.sensors import Lidar, SensorPreset
 from upvl_cli.types import Array, Floats, Ints, ParallelArrays, array
 
-TURN_S = 0.1
 TILE = 16
-ROOF_M = (1.4, 0.0, 2.1)  # the mount of the spinning one, in ego axes
-COLUMNS = 2500
-REACH_M = 80.0
-# 64 beams as on the Waymo car, closest around the horizon: Sun et al., CVPR 2020, section 3 (-17.6 to 2.4 degrees).
-ELEVATION_RAD = np.deg2rad(np.concatenate([np.linspace(-17.6, -7.2, 24), np.linspace(-6.9, 2.4, 40)]))
-SHORT_REACH_M = 20.0
-SHORT_MOUNTS_M = ((3.6, 0.0, 0.7), (1.8, 0.95, 0.9), (1.8, -0.95, 0.9), (-0.9, 0.0, 0.9))
-SHORT_YAW_RAD = (0.0, np.pi / 2, -np.pi / 2, np.pi)
-RANGE_NOISE_M = 0.015
 INTENSITY_NOISE = 0.02
-FAR_DROPOUT = 0.2  # share lost at the end of the reach
 GRAZING_DROPOUT = 0.5  # share lost where the surface lies along the ray
 SPREAD_RAD = 0.002  # of the beam: on a slanted surface it returns over a stretch of ranges
 
@@ -35,7 +25,7 @@ class Returns(ParallelArrays):
         xyz_world_m: (n, 3) places in world axes, with noise, each at its own time.
         intensity: (n,) 0 to 1.
         elongation: (n,) metres over which the return is spread.
-        sensor: (n,) 0 for the one on the roof.
+        sensor: (n,) place of its LiDAR in the preset; 0 is the main one.
         time_s: (n,) when each was measured.
         ray: (n,) number of its ray.
     """
@@ -49,20 +39,31 @@ class Returns(ParallelArrays):
 
 
 @cache
-def directions() -> tuple[Floats, Floats, Ints, Ints]:
-    """All rays of a sweep in ego axes: starts (n, 3), ways (n, 3), columns (n,) of the roof's, sensors (n,).
+def directions(sensors: SensorPreset) -> tuple[Floats, Floats, Ints, Ints]:
+    """All rays of a sweep in ego axes: starts (n, 3), ways (n, 3), moments (n,), LiDARs (n,).
 
-    The roof's mirror turns clockwise and looks ahead at the time of the frame, as on KITTI's car. The others
-    measure at once, at that time.
+    A mirror that turns does so clockwise and looks ahead at the time of the frame, as on KITTI's car. What measures
+    at once does so at that time.
     """
-    fans = [_fan(np.pi - (np.arange(COLUMNS) + 0.5) * (2 * np.pi / COLUMNS), ELEVATION_RAD)]
-    for yaw in SHORT_YAW_RAD:
-        fans.append(_fan(yaw + np.deg2rad(np.linspace(-75, 75, 151)), np.deg2rad(np.linspace(-45, 15, 21))))
+    fans = [_fan(lidar.azimuth_rad, lidar.elevation_rad) for lidar in sensors.lidars]
     counts = [len(fan) for fan in fans]
+    total = moments(sensors)
+    moment = np.concatenate([_moments_of(lidar, total) for lidar in sensors.lidars])
     sensor = np.repeat(np.arange(len(fans)), counts)
-    column = np.full(len(sensor), COLUMNS // 2)
-    column[: counts[0]] = np.repeat(np.arange(COLUMNS), len(ELEVATION_RAD))
-    return np.array([ROOF_M, *SHORT_MOUNTS_M])[sensor], np.concatenate(fans), column, sensor
+    return np.array([lidar.mount_m for lidar in sensors.lidars])[sensor], np.concatenate(fans), moment, sensor
+
+
+def moments(sensors: SensorPreset) -> int:
+    """At how many times the LiDARs of a preset measure in one sweep."""
+    return max(lidar.moments for lidar in sensors.lidars)
+
+
+def _moments_of(lidar: Lidar, total: int) -> Ints:
+    """(columns x rows,) which of all times each ray has."""
+    columns, rows = len(lidar.azimuth_rad), len(lidar.elevation_rad)
+    if lidar.order == "columns":
+        return np.repeat(np.arange(columns), rows)
+    return np.tile(np.arange(rows), columns) if lidar.order == "rows" else np.full(columns * rows, total // 2)
 
 
 def _fan(azimuth_rad: Array, elevation_rad: Array) -> Floats:
@@ -75,28 +76,38 @@ def _fan(azimuth_rad: Array, elevation_rad: Array) -> Floats:
 
 
 @cache
-def _tiles(total: int) -> tuple[Ints, Ints]:
+def _tiles(sensors: SensorPreset) -> tuple[Ints, Ints]:
     """Return the numbers of all rays tile by tile, and where each is among them: neighbours are cast together."""
-    column, row = np.divmod(np.arange(COLUMNS * len(ELEVATION_RAD)), len(ELEVATION_RAD))
-    roof = np.lexsort((row, column, row // TILE, column // TILE))
-    tiles = np.append(roof, np.arange(len(roof), total))
+    parts, first = [], 0
+    for lidar in sensors.lidars:
+        rows = len(lidar.elevation_rad)
+        number = np.arange(len(lidar.azimuth_rad) * rows)
+        column, row = np.divmod(number, rows)
+        tiled = np.lexsort((row, column, row // TILE, column // TILE))
+        parts.append(first + (number if lidar.order == "flash" else tiled))
+        first += len(number)
+    tiles = np.concatenate(parts)
     return tiles, np.argsort(tiles)
 
 
-def rays_at(caster: Caster, time_s: float) -> tuple[Rays, Ints]:
-    """Return the rays of the sweep around a time, and the sensor of each."""
-    start, way, column, sensor = directions()
-    moments_s = time_s + ((np.arange(COLUMNS) + 0.5) / COLUMNS - 0.5) * TURN_S
-    ego = caster.scene.ego.at(moments_s).chosen(column)
-    rays = Rays(ego.world(start).astype(np.float32), ego.outward(way).astype(np.float32), column, moments_s)
+def rays_at(caster: Caster, sensors: SensorPreset, time_s: float) -> tuple[Rays, Ints]:
+    """Return the rays of the sweep around a time, and the LiDAR of each."""
+    start, way, moment, sensor = directions(sensors)
+    total = moments(sensors)
+    moments_s = time_s + ((np.arange(total) + 0.5) / total - 0.5) * sensors.scan_s
+    ego = caster.scene.ego.at(moments_s).chosen(moment)
+    rays = Rays(ego.world(start).astype(np.float32), ego.outward(way).astype(np.float32), moment, moments_s)
     return rays, sensor
 
 
-def sweep(caster: Caster, time_s: float, noisy: float, rng: np.random.Generator) -> tuple[Returns, RayHits]:
-    """One turn of the LiDARs around a time.
+def sweep(
+    caster: Caster, sensors: SensorPreset, time_s: float, noisy: float, rng: np.random.Generator
+) -> tuple[Returns, RayHits]:
+    """One sweep of the LiDARs around a time.
 
     Args:
         caster: The city.
+        sensors: What measures.
         time_s: When the mirror looks ahead.
         noisy: Factor on the usual noise of ranges.
         rng: Source of all noise.
@@ -104,10 +115,10 @@ def sweep(caster: Caster, time_s: float, noisy: float, rng: np.random.Generator)
     Returns:
         The returns, and what each met.
     """
-    rays, sensor = rays_at(caster, time_s)
+    rays, sensor = rays_at(caster, sensors, time_s)
     times = rays.moments_s[rays.moment]
-    tiles, by_column = _tiles(len(times))
-    hits = caster.cast(rays.chosen(tiles), reach_m=REACH_M)[by_column]
+    tiles, by_column = _tiles(sensors)
+    hits = caster.cast(rays.chosen(tiles), reach_m=sensors.reach_m)[by_column]
     surfaces = caster.scene.surfaces
     reflectance, dropout, depth_m = (
         np.array([getattr(surface, name) for surface in surfaces])[hits.surface]
@@ -116,16 +127,17 @@ def sweep(caster: Caster, time_s: float, noisy: float, rng: np.random.Generator)
     lost, inward = rng.random((2, len(times)))
     noise, flicker = rng.normal(size=(2, len(times)))
     facing = np.abs(np.einsum("ni,ni->n", hits.normal, rays.way))
-    reach = np.where(sensor == 0, REACH_M, SHORT_REACH_M)
+    reach = np.array([lidar.reach_m for lidar in sensors.lidars])[sensor]
     seen = hits.range_m < reach
     far = np.where(seen, hits.range_m, reach) / reach
-    dropped = dropout + FAR_DROPOUT * far**2 + GRAZING_DROPOUT * np.maximum(1 - facing / 0.1, 0)
+    dropped = dropout + sensors.far_dropout * far**2 + GRAZING_DROPOUT * np.maximum(1 - facing / 0.1, 0)
     kept = np.flatnonzero(seen & (lost >= dropped))
-    range_m = hits.range_m + depth_m * inward + noisy * RANGE_NOISE_M * noise
+    range_m = hits.range_m + depth_m * inward + noisy * sensors.range_noise_m * noise
     slanted_m = SPREAD_RAD * hits.range_m * np.sqrt(np.maximum(1 / np.maximum(facing, 0.05) ** 2 - 1, 0))
+    intensity = np.clip(reflectance * np.sqrt(facing) + INTENSITY_NOISE * flicker, 0, 1)
     returns = Returns(
         xyz_world_m=rays.start_m[kept] + rays.way[kept] * range_m[kept, None],
-        intensity=np.clip(reflectance * np.sqrt(facing) + INTENSITY_NOISE * flicker, 0, 1)[kept],
+        intensity=intensity[kept] if sensors.has_intensity else np.zeros(len(kept)),
         elongation=(depth_m * (1 - inward) + np.minimum(slanted_m, 1))[kept],
         sensor=sensor[kept],
         time_s=times[kept],

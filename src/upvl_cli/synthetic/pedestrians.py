@@ -47,7 +47,7 @@ def walkers(
             continue
         # Now and then two or three go together.
         for number in range(int(rng.choice([1, 2, 3], p=[0.75, 0.2, 0.05]))):
-            kind, model = _one(pavement, rng)
+            kind, model = one_of(pavement, rng)
             beside = min(off + 0.75 * number, PAVEMENT_M - 0.5)
             places.append((s, side * beside))
             speed = float(rng.uniform(*kind.speed_mps)) if rng.random() < 0.85 else 0.0
@@ -55,7 +55,7 @@ def walkers(
             found.append(Thing(kind, model, way.motion((-s if back else s) + speed * time_s, FIRST_S)))
     crossing = [kind for kind in kinds if "crossing" in kind.place]
     for number in range(CROSSING):
-        kind, model = _one(crossing, rng)
+        kind, model = one_of(crossing, rng)
         left = bool(number % 2)
         s = road.side_s_m - SIDE_HALF_M - CROSSWALK_M + 0.8 * (number - 1.5)
         speed = float(rng.uniform(*kind.speed_mps)) if is_red else 0.0
@@ -75,7 +75,7 @@ def parked(road: Road, kinds: Sequence[Kind], density: float, rng: np.random.Gen
     for side in (-1.0, 1.0):
         s = -90.0 + float(rng.uniform(0, 5))
         while s < 140:
-            kind, model = _one(usable, rng)
+            kind, model = one_of(usable, rng)
             length = model.size_lwh_m[0]
             if (
                 abs(s + length / 2 - road.side_s_m) > length / 2 + SIDE_HALF_M + 9
@@ -86,7 +86,7 @@ def parked(road: Road, kinds: Sequence[Kind], density: float, rng: np.random.Gen
                 middle = s + length / 2
                 found.append(
                     Thing(
-                        kind, model, _standing(along_street(road, d, back=back), -middle if back else middle)
+                        kind, model, standing(along_street(road, d, back=back), -middle if back else middle)
                     )
                 )
             s += length + float(rng.uniform(0.7, 2.2))
@@ -98,22 +98,24 @@ def things_about(road: Road, kinds: Sequence[Kind], density: float, rng: np.rand
     usable = [kind for kind in kinds if "roadside" in kind.place]
     found = []
     for _ in range(round(density * THINGS_ABOUT)):
-        kind, model = _one(usable, rng)
+        kind, model = one_of(usable, rng)
         side, s = float(rng.choice([-1, 1])), float(rng.uniform(_BEGIN_M, _END_M))
         if abs(s - road.side_s_m) < SIDE_HALF_M + 4:
             continue
         width = model.size_lwh_m[1]
         off = PAVEMENT_M - 0.15 - width / 2 if rng.random() < 0.6 else 0.25 + width / 2
         way = along_street(road, side * (road.kerb_m + off), back=bool(side > 0))
-        found.append(Thing(kind, model, _standing(way, -s if side > 0 else s)))
+        found.append(Thing(kind, model, standing(way, -s if side > 0 else s)))
     return found
 
 
-def _one(kinds: Sequence[Kind], rng: np.random.Generator) -> tuple[Kind, ObjectModel]:
+def one_of(kinds: Sequence[Kind], rng: np.random.Generator) -> tuple[Kind, ObjectModel]:
+    """Return a kind by chance, and one of it."""
     share = np.array([kind.share for kind in kinds])
     kind = kinds[rng.choice(len(kinds), p=share / share.sum())]
     return kind, kind.build(rng)
 
 
-def _standing(way: Way, along_m: float) -> Motion:
+def standing(way: Way, along_m: float) -> Motion:
+    """Return the motion of what stands on a way."""
     return way.motion(np.array([along_m]), FIRST_S)
