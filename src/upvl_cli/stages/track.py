@@ -35,18 +35,18 @@ def run(inputs: Inputs, config: TrackConfig) -> Iterator[TrackRow]:
     from upvl_cli.geometry.boxes import transform
     from upvl_cli.geometry.se3 import inverse, rotate
     from upvl_cli.perception.tracking.hypotheses import Hypotheses
-    from upvl_cli.perception.tracking.windows import FrameBoxes, track_in_windows
+    from upvl_cli.perception.tracking.windows import BoxesOfFrame, track_in_windows
     from upvl_cli.types import Ints
 
     poses, proposals = inputs.table("odometry", OdometryRow), inputs.table("propose", ProposalRow)
     pending: deque[tuple[OdometryRow, Ints]] = deque()
 
-    def world_boxes() -> Iterator[FrameBoxes]:
+    def world_boxes() -> Iterator[BoxesOfFrame]:
         """Yield the boxes of each frame and their velocities in world axes."""
         for pose in poses:
             row = proposals[pose.frame]
             pending.append((pose, row.num_points))
-            yield FrameBoxes(
+            yield BoxesOfFrame(
                 transform(row.boxes, pose.world_from_ego),
                 rotate(pose.world_from_ego, row.velocity_mps),
                 Hypotheses(row.hypothesis.astype(np.int64), row.duplicate_of.astype(np.int64)),

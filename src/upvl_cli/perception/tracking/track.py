@@ -108,11 +108,11 @@ def _tracks_of(
     fragments = associate(model, measured, rows, config)
     fits = measured.smooth(model, fragments)
     tracks = join_fragments(model, measured, fragments, fits, config)
-    joined = [np.concatenate([fragments[link] for link in links]) for links in tracks if len(links) > 1]
-    joined_fits = iter(zip(joined, measured.smooth(model, joined), strict=True))
+    chains = [np.concatenate([fragments[link] for link in links]) for links in tracks if len(links) > 1]
+    chain_fits = iter(zip(chains, measured.smooth(model, chains), strict=True))
     for links in tracks:
         if len(links) > 1:
-            boxes, (states, _) = next(joined_fits)
+            boxes, (states, _) = next(chain_fits)
         else:
             boxes, states = fragments[links[0]], fits[links[0]][0]
         yield _FoundTrack(boxes, states)

@@ -37,7 +37,7 @@ class FrameTracks:
     dropped: Mapping[str, int]
 
 
-class FrameBoxes(NamedTuple):
+class BoxesOfFrame(NamedTuple):
     """The boxes of one frame, in world axes.
 
     Attributes:
@@ -52,7 +52,7 @@ class FrameBoxes(NamedTuple):
 
 
 def track_in_windows(
-    frames: Iterable[FrameBoxes], time_s: Floats, config: TrackerConfig, max_duplicate_share: float = 1.0
+    frames: Iterable[BoxesOfFrame], time_s: Floats, config: TrackerConfig, max_duplicate_share: float = 1.0
 ) -> Iterator[FrameTracks]:
     """Yield the tracked boxes of each frame of a drive; those of a drive no longer than a window are `track`'s.
 
@@ -65,7 +65,7 @@ def track_in_windows(
         config: Settings.
         max_duplicate_share: As for `track`.
     """
-    held: deque[FrameBoxes] = deque()
+    held: deque[BoxesOfFrame] = deque()
     coming = iter(frames)
     first, boxes_before = 0, 0  # first frame that is held, and the boxes of all before it
     numbers = _TrackNumbers()
@@ -89,7 +89,7 @@ def track_in_windows(
         yield from _served_frames(tracks, number, window, np.concatenate([[0], np.cumsum(counts)]))
 
 
-def _hypotheses_of(frames: Iterable[FrameBoxes]) -> Hypotheses:
+def _hypotheses_of(frames: Iterable[BoxesOfFrame]) -> Hypotheses:
     """Return the hypotheses of the boxes of all frames, one frame after the other."""
     none: Ints = np.zeros(0, np.int64)
     number, duplicate_of, start = [none], [none], 0
