@@ -32,7 +32,7 @@ OFF = {"extract-vl": {"images": '"none"'}, "pca": {"images": "0"}, "mask": {"uns
 MOVING = {
     **OFF,
     "mask": {"unseen_policy": '"keep"', "min_speed_mps": "1.0"},
-    "propose": {"clustering.eps_m": "1.0", "clustering.scale_with_range": "false"},
+    "propose": {"clustering.eps_m": "[1.0]", "clustering.scale_with_range": "false"},
     "track": {"travel.required": "true"},
 }
 RUNS: dict[str, Mapping[str, Mapping[str, str]]] = {

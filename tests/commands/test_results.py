@@ -95,7 +95,13 @@ def test_detections_come_without_the_features_of_their_points(out: Path) -> None
 def test_tracks_and_flow(out: Path) -> None:
     boxes = [("", 4.0)]
     row = TrackRow(
-        "drive-a", 0, time_ns=5, **box_columns(boxes), track_id=np.array([3]), proposal=np.array([0])
+        "drive-a",
+        0,
+        time_ns=5,
+        **box_columns(boxes),
+        track_id=np.array([3]),
+        proposal=np.array([0]),
+        hypothesis=np.array([0]),
     )
     write(out / "track/drive-a.parquet", TrackRow, [row], stamp="{}", counts={})
     flow = FlowRow("drive-a", 4, np.array([[1.0, 0, 0], [0, 2.0, 0]]))

@@ -148,7 +148,7 @@ def test_a_wrong_preset_is_refused(base: Workspace, file: str, text: str, messag
 def test_a_wrong_value_that_ships_is_not_the_presets_fault(base: Workspace) -> None:
     set_value(base.stages.parent, "mask", "min_speed_mps", "-1.0")
     with pytest.raises(BadSetting, match="work/stages/mask.toml: min_speed_mps"):
-        preset(base, "odd", propose="clustering.eps_m = 2.0")
+        preset(base, "odd", propose="clustering.eps_m = [2.0]")
 
 
 @pytest.mark.parametrize("name", [".{}.link", ".{}.part"])

@@ -15,7 +15,8 @@ from upvl_cli.perception.visual.views import NO_VIEW, SEEN
 from upvl_cli.stages.propose import ProposeConfig, run
 from upvl_cli.stages.rows import ExtractVlRow, FlowRow, GroundRow, MaskRow, OdometryRow, PcaRow, ProposalRow
 
-CONFIG = load(ProposeConfig, Path(__file__).parents[2] / "stages" / "propose.toml")
+SHIPPED = load(ProposeConfig, Path(__file__).parents[2] / "stages" / "propose.toml")
+CONFIG = replace(SHIPPED, clustering=replace(SHIPPED.clustering, eps_m=(0.6,)))
 FRAME_S, FRAMES = 0.1, 13
 GRID = np.stack(
     np.meshgrid(np.linspace(-2, 2, 13), np.linspace(-1, 1, 7), [0.4, 0.8, 1.2, 1.6]), axis=-1
@@ -92,3 +93,14 @@ def test_features_part_objects_by_their_strongest_components_alone() -> None:
         rows = boxes_of(drive(6.0, 0.0, feature), replace(CONFIG, clustering=clustering))
         # Away from the ends of the drive, where the back half takes the place of the front half.
         assert {len(row.boxes) for row in rows[5:8]} == {boxes}, (component, used)
+
+
+def test_each_radius_has_its_boxes_and_those_of_the_same_points_are_named() -> None:
+    inputs = drive(object_mps=6.0, ego_mps=9.0)
+    alone, both = boxes_of(inputs), boxes_of(inputs, SHIPPED)
+    for one, row in zip(alone, both, strict=True):
+        np.testing.assert_array_equal(row.hypothesis, [0, 1])
+        np.testing.assert_array_equal(row.duplicate_of, [-1, 0])
+        np.testing.assert_array_equal(row.center_m, np.repeat(one.center_m, 2, axis=0))
+        np.testing.assert_array_equal(row.point_index.values, np.tile(one.point_index.values, 2))
+    assert inputs.counts["boxes that an earlier hypothesis has too"] == FRAMES

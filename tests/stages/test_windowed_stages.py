@@ -19,14 +19,13 @@ from upvl_cli.geometry.boxes import transform
 from upvl_cli.geometry.se3 import apply, inverse, rotate, yaw_of
 from upvl_cli.perception.amodal.fit import fit_amodal_boxes
 from upvl_cli.perception.amodal.sightings import Sightings
-from upvl_cli.perception.tracking.config import TrackerConfig
 from upvl_cli.stages import amodal, propose, track
 from upvl_cli.stages.rows import AmodalRow, GroundRow, MaskRow, OdometryRow, ProposalRow, TrackRow
 from upvl_cli.types import Boxes, Ragged, concat
 
 STAGES = Path(__file__).parents[2] / "stages"
 AMODAL = load(amodal.AmodalConfig, STAGES / "amodal.toml")
-TRACK = load(TrackerConfig, STAGES / "track.toml")
+TRACK = load(track.TrackConfig, STAGES / "track.toml")
 FRAME_S, EGO_MPS = 0.1, 5.0
 
 
@@ -85,7 +84,8 @@ def scene(frames: int, points: int = 30) -> LongInputs:
         tables["propose"].append(
             ProposalRow(
                 SEGMENT, number, round(time_s * 1e9), (low + high) / 2, high - low, np.zeros(total), velocity,
-                np.full(total, 2 * points, np.int32), Ragged.grouped(owner, np.arange(len(xyz), dtype=np.int32), total),
+                np.full(total, 2 * points, np.int32), np.zeros(total, np.int8), np.full(total, -1),
+                Ragged.grouped(owner, np.arange(len(xyz), dtype=np.int32), total),
             )
         )  # fmt: skip
         sweeps[number] = xyz
@@ -104,7 +104,8 @@ def plain_amodal(inputs: LongInputs) -> dict[tuple[int, int], np.ndarray]:
     for row, pose, proposal, ground in zip(
         *(inputs.tables[name] for name in ("track", "odometry", "propose", "ground")), strict=True
     ):
-        owner = proposal.box_of_point(len(ground.height_m))
+        owner = np.full(len(ground.height_m), -1)
+        owner[proposal.point_index.values] = proposal.point_index.owner
         world_from_ego = pose.world_from_ego
         boxes, velocity = transform(row.boxes, world_from_ego), rotate(world_from_ego, row.velocity_mps)
         for place, track_id in enumerate(row.track_id.tolist()):
@@ -218,6 +219,7 @@ def test_a_drive_without_a_box() -> None:
             replace(
                 row, center_m=row.center_m[:0], size_lwh_m=row.size_lwh_m[:0], heading_rad=row.heading_rad[:0],
                 velocity_mps=row.velocity_mps[:0], num_points=row.num_points[:0],
+                hypothesis=row.hypothesis[:0], duplicate_of=row.duplicate_of[:0],
                 point_index=Ragged(np.zeros(0, np.int32), np.zeros(0, np.int64)),
             )
             for row in empty.tables[name]

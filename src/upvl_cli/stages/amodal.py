@@ -98,9 +98,9 @@ def _totals(inputs: Inputs) -> TrackTotals:
     proposals, masks = inputs.table("propose", ProposalRow), inputs.table("mask", MaskRow)
     totals = TrackTotals()
     for row in inputs.table("track", TrackRow):
-        state = masks[row.frame].background
-        owner = proposals[row.frame].box_of_point(len(state))
-        num_points = points_of_boxes(state, owner, row.proposal)
+        points = proposals[row.frame].point_index
+        state = masks[row.frame].background[points.values]
+        num_points = points_of_boxes(state, points.owner, row.proposal)
         totals.add(row.track_id, row.time_ns * 1e-9, num_points)
     return totals
 
@@ -291,5 +291,5 @@ STAGE = Stage(
     config=AmodalConfig,
     row=AmodalRow,
     reads=("raw", "odometry", "ground", "mask", "propose", "track"),
-    version=5,
+    version=6,
 )

@@ -144,7 +144,7 @@ def _tracked(inputs: Inputs, config: DetectConfig, found: list[_FrameBoxes]) -> 
     from upvl_cli.geometry.boxes import transform
     from upvl_cli.geometry.se3 import inverse
     from upvl_cli.perception.tracking.smoothing import smooth_tracks
-    from upvl_cli.perception.tracking.windows import track_in_windows
+    from upvl_cli.perception.tracking.windows import BoxesOfFrame, track_in_windows
     from upvl_cli.types import Boxes, concat
 
     poses = inputs.table("odometry", OdometryRow)
@@ -155,7 +155,7 @@ def _tracked(inputs: Inputs, config: DetectConfig, found: list[_FrameBoxes]) -> 
     world = concat([transform(frame.boxes, pose.world_from_ego) for frame, pose in pairs], Boxes)
     velocity_mps, track_id = np.zeros((start[-1], 3)), np.full(start[-1], -1)
     still = (
-        (world[first:last], np.zeros((last - first, 3)))
+        BoxesOfFrame(world[first:last], np.zeros((last - first, 3)))
         for first, last in zip(start[:-1], start[1:], strict=True)
     )
     frames = track_in_windows(still, time_s, config.tracker)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from upvl_cli.perception.proposals.persistence import OccupancyHistory
     from upvl_cli.pipeline.stage import Inputs
-    from upvl_cli.types import Array, Floats, Ints
+    from upvl_cli.types import Array, Floats
 
 
 @dataclass(frozen=True)
@@ -28,17 +28,17 @@ def run(inputs: Inputs, config: ProposeConfig) -> Iterator[ProposalRow]:
     """Cluster the points that move, and fit the tightest box around each cluster."""
     import numpy as np
 
-    from upvl_cli.perception.clustering import NOISE
-    from upvl_cli.perception.proposals.propose import Proposals, Sweep, propose
+    from upvl_cli.perception.proposals.cluster_fits import Sweep
+    from upvl_cli.perception.proposals.hypotheses import HypothesisBoxes, join_hypotheses
+    from upvl_cli.perception.proposals.propose import propose
     from upvl_cli.runtime.parallel import in_order
-    from upvl_cli.types import Ragged
 
     flows, grounds = inputs.table("flow", FlowRow), inputs.table("ground", GroundRow)
     masks = inputs.table("mask", MaskRow)
     features, (fitted,) = inputs.table("extract-vl", ExtractVlRow), inputs.table("pca", PcaRow)
 
-    def proposals(moment: Moment) -> tuple[OdometryRow, Proposals, Ints]:
-        """Return the pose and the boxes of a frame, and the box of each of its points, -1 for none."""
+    def proposals(moment: Moment) -> tuple[OdometryRow, HypothesisBoxes, Counter[str]]:
+        """Return the pose and the boxes of a frame, and how much was left out, by reason."""
         frame = moment.pose.frame
         flow, ground, mask = flows[frame], grounds[frame], masks[frame]
         above = ~ground.is_ground
@@ -52,16 +52,19 @@ def run(inputs: Inputs, config: ProposeConfig) -> Iterator[ProposalRow]:
             world_from_sweep=moment.pose.world_from_ego,
             step=moment.step,
         )
-        found = propose(sweep, moment.history, config)
-        box_of_point: Ints = np.full(len(above), NOISE)
-        box_of_point[above] = found.box_of_point
-        return moment.pose, found, box_of_point
+        hypotheses = propose(sweep, moment.history, config)
+        dropped = Counter[str]()
+        for hypothesis in hypotheses:
+            dropped.update(hypothesis.dropped)
+        number = np.flatnonzero(above).astype(np.int32)
+        duplicate_iou = config.clustering.duplicate_iou
+        return moment.pose, join_hypotheses(hypotheses, number, duplicate_iou=duplicate_iou), dropped
 
-    for pose, found, box_of_point in in_order(proposals, _moments(inputs, config)):
+    for pose, found, dropped in in_order(proposals, _moments(inputs, config)):
         inputs.count("boxes kept", len(found.boxes))
-        for reason, items in found.dropped.items():
+        inputs.count("boxes that an earlier hypothesis has too", (found.duplicate_of >= 0).sum())
+        for reason, items in dropped.items():
             inputs.count(reason, items)
-        points: Ints = np.arange(len(box_of_point), dtype=np.int32)
         yield ProposalRow(
             inputs.segment,
             pose.frame,
@@ -69,7 +72,9 @@ def run(inputs: Inputs, config: ProposeConfig) -> Iterator[ProposalRow]:
             *(found.boxes.center_m, found.boxes.size_lwh_m, found.boxes.heading_rad),
             found.velocity_mps,
             found.num_points,
-            Ragged.grouped(box_of_point, points, len(found.boxes)),
+            found.hypothesis,
+            found.duplicate_of,
+            found.point_index,
         )
 
 
@@ -140,5 +145,5 @@ STAGE = Stage(
     config=ProposeConfig,
     row=ProposalRow,
     reads=("raw", "odometry", "ground", "flow", "pca", "extract-vl", "mask"),
-    version=3,
+    version=4,
 )

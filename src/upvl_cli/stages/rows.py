@@ -150,19 +150,22 @@ class BoxRow(Row):
 
 @dataclass(frozen=True)
 class ProposalRow(BoxRow):
-    """Boxes of one sweep, and which points they were made from."""
+    """Boxes of one sweep, and which points they were made from.
 
+    Several hypotheses say how the points part into objects; a point is in one box of each at most.
+    """
+
+    hypothesis: Array = column(
+        "int8", "number of the hypothesis: the radius of the clustering that made the box", per="box"
+    )
+    duplicate_of: Array = column(
+        "int32",
+        "row of the box of an earlier hypothesis of this sweep with nearly the same points, -1 for none",
+        per="box",
+    )
     point_index: Ragged = column(
         "int32", "places of its points in the sweep, ascending", per="box", ragged=True
     )
-
-    def box_of_point(self, points: int) -> Ints:
-        """Return (n,) the box that each of the n points of the sweep belongs to, -1 for none."""
-        import numpy as np
-
-        box: Ints = np.full(points, -1, dtype=np.int64)
-        box[self.point_index.values] = self.point_index.owner
-        return box
 
 
 @dataclass(frozen=True)
@@ -172,6 +175,9 @@ class TrackRow(BoxRow):
     track_id: Array = column("int64", "number of the track in its segment", per="box")
     proposal: Array = column(
         "int32", "row of the box among the proposals of its frame, -1 where coasting", per="box"
+    )
+    hypothesis: Array = column(
+        "int8", "number of the hypothesis that the track is of: it has no box of another", per="box"
     )
 
 

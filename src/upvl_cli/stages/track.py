@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from upvl_cli.config.base import setting
 from upvl_cli.perception.tracking.config import TrackerConfig
 from upvl_cli.pipeline.stage import Stage
 from upvl_cli.stages.rows import OdometryRow, ProposalRow, TrackRow
@@ -14,28 +16,45 @@ if TYPE_CHECKING:
     from upvl_cli.pipeline.stage import Inputs
 
 
-def run(inputs: Inputs, config: TrackerConfig) -> Iterator[TrackRow]:
+@dataclass(frozen=True)
+class TrackConfig(TrackerConfig):
+    """Settings of `track`."""
+
+    max_duplicate_share: float = setting(
+        "largest share of the boxes of a track of a later hypothesis that are duplicates of those of one track of an "
+        "earlier hypothesis; a track with more is dropped",
+        ge=0,
+        le=1,
+    )
+
+
+def run(inputs: Inputs, config: TrackConfig) -> Iterator[TrackRow]:
     """Associate the boxes of all frames to tracks, and fill their gaps."""
     import numpy as np
 
     from upvl_cli.geometry.boxes import transform
     from upvl_cli.geometry.se3 import inverse, rotate
-    from upvl_cli.perception.tracking.windows import track_in_windows
-    from upvl_cli.types import Boxes, Floats, Ints
+    from upvl_cli.perception.tracking.hypotheses import Hypotheses
+    from upvl_cli.perception.tracking.windows import BoxesOfFrame, track_in_windows
+    from upvl_cli.types import Ints
 
     poses, proposals = inputs.table("odometry", OdometryRow), inputs.table("propose", ProposalRow)
     pending: deque[tuple[OdometryRow, Ints]] = deque()
 
-    def world_boxes() -> Iterator[tuple[Boxes, Floats]]:
+    def world_boxes() -> Iterator[BoxesOfFrame]:
         """Yield the boxes of each frame and their velocities in world axes."""
         for pose in poses:
             row = proposals[pose.frame]
             pending.append((pose, row.num_points))
-            yield transform(row.boxes, pose.world_from_ego), rotate(pose.world_from_ego, row.velocity_mps)
+            yield BoxesOfFrame(
+                transform(row.boxes, pose.world_from_ego),
+                rotate(pose.world_from_ego, row.velocity_mps),
+                Hypotheses(row.hypothesis.astype(np.int64), row.duplicate_of.astype(np.int64)),
+            )
 
     time_ns = [pose.time_ns for pose in poses]
     time_s = np.array([(time - time_ns[0]) * 1e-9 for time in time_ns])
-    for tracks in track_in_windows(world_boxes(), time_s, config):
+    for tracks in track_in_windows(world_boxes(), time_s, config, config.max_duplicate_share):
         pose, num_points = pending.popleft()
         is_seen = tracks.box >= 0
         inputs.count("boxes tracked", is_seen.sum())
@@ -57,7 +76,10 @@ def run(inputs: Inputs, config: TrackerConfig) -> Iterator[TrackRow]:
             num_points=points_of_track,
             track_id=tracks.track_id,
             proposal=tracks.box,
+            hypothesis=tracks.hypothesis,
         )
 
 
-STAGE = Stage(name="track", run=run, config=TrackerConfig, row=TrackRow, reads=("odometry", "propose"))
+STAGE = Stage(
+    name="track", run=run, config=TrackConfig, row=TrackRow, reads=("odometry", "propose"), version=2
+)

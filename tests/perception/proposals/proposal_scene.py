@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from upvl_cli.perception.proposals.cluster_fits import Sweep
 from upvl_cli.perception.proposals.config import (
     BackgroundFilterConfig,
     ClusteringConfig,
@@ -16,7 +17,7 @@ from upvl_cli.perception.proposals.config import (
     ProposalConfig,
 )
 from upvl_cli.perception.proposals.persistence import OccupancyHistory, occupied_places
-from upvl_cli.perception.proposals.propose import Proposals, Sweep, propose
+from upvl_cli.perception.proposals.propose import Proposals, propose
 
 CROWD = CrowdConfig(
     gap_m=0.2,
@@ -33,7 +34,8 @@ PERSISTENCE = PersistenceConfig(
 )
 CONFIG = ProposalConfig(
     clustering=ClusteringConfig(
-        eps_m=1.0,
+        eps_m=(1.0,),
+        duplicate_iou=0.9,
         vertical_eps_m=1.0,
         scale_with_range=False,
         angular_eps_deg=1.2,
@@ -124,5 +126,6 @@ def all_candidates(seen: Sweep) -> Sweep:
 
 
 def proposals(seen: Sweep, occupied: OccupancyHistory = NO_HISTORY, **values: Any) -> Proposals:
-    """The proposals of a sweep, with some settings changed."""
-    return propose(seen, occupied, changed(**values))
+    """The proposals of a sweep with one radius, with some settings changed."""
+    (found,) = propose(seen, occupied, changed(**values))
+    return found

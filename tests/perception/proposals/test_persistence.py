@@ -143,7 +143,7 @@ def test_the_share_of_persistent_points_decides_and_enough_others_are_left(
 ) -> None:
     there, gone = points_on_two_sides(stay, go)
     seen = replace(sweep((np.concatenate([there, gone]), (6.0, 0.0))), step=NOW)
-    found = proposals(seen, occupied_at(there, -0.5, 0.5), clustering__eps_m=1.5)
+    found = proposals(seen, occupied_at(there, -0.5, 0.5), clustering__eps_m=(1.5,))
     assert found.num_points.tolist() == points
     assert found.dropped["persistent"] == (stay > go)
     assert found.dropped["too few points"] == (go < 6)

@@ -77,14 +77,14 @@ def test_distance_and_difference_in_velocity_add_up_as_in_a_right_triangle(
     distance_m: float, difference_mps: float, objects: int
 ) -> None:
     pair = sweep((spot(8.05, 0.05), (6.0, 0.0)), (spot(8.05, 0.05 + distance_m), (6.0, difference_mps)))
-    found = proposals(pair, clustering__eps_m=0.5, clustering__velocity_eps_mps=2.0)
+    found = proposals(pair, clustering__eps_m=(0.5,), clustering__velocity_eps_mps=2.0)
     assert len(found.boxes) == objects
 
 
 @pytest.mark.parametrize(("used", "objects"), [(True, 2), (False, 1)])
 def test_velocity_counts_only_where_it_is_used(used: bool, objects: int) -> None:
     pair = sweep((spot(8.05, 0.05), (6.0, 0.0)), (spot(8.05, 0.35), (6.0, 9.0)))
-    assert len(proposals(pair, clustering__eps_m=0.5, clustering__use_velocity=used).boxes) == objects
+    assert len(proposals(pair, clustering__eps_m=(0.5,), clustering__use_velocity=used).boxes) == objects
 
 
 @pytest.mark.parametrize(
@@ -96,7 +96,7 @@ def test_up_and_down_neighbors_are_farther_apart(
 ) -> None:
     pair = sweep((np.concatenate([spot(8.05, 0.05, 0.05), spot(8.05, 0.05, 0.05 + gap_m)]), FORWARD))
     found = proposals(
-        pair, clustering__eps_m=eps_m, clustering__vertical_eps_m=vertical_eps_m, clustering__voxel_m=0.02
+        pair, clustering__eps_m=(eps_m,), clustering__vertical_eps_m=vertical_eps_m, clustering__voxel_m=0.02
     )
     assert len(found.boxes) == objects
 
@@ -104,7 +104,7 @@ def test_up_and_down_neighbors_are_farther_apart(
 def test_a_roof_above_its_windows_is_of_the_same_car() -> None:
     body = car(10, 3)
     points = body[(body[:, 2] < 0.6) | (body[:, 2] > 1.2)]
-    assert len(proposals(sweep((points, FORWARD)), clustering__eps_m=0.6).boxes) == 1
+    assert len(proposals(sweep((points, FORWARD)), clustering__eps_m=(0.6,)).boxes) == 1
 
 
 @pytest.mark.parametrize(
@@ -123,7 +123,7 @@ def test_far_away_neighbors_are_those_within_an_angle(
     pair = sweep((spot(x_m, y_m), FORWARD), (spot(x_m, y_m + 0.7), FORWARD))
     found = proposals(
         pair,
-        clustering__eps_m=0.6,
+        clustering__eps_m=(0.6,),
         clustering__scale_with_range=scaled,
         clustering__angular_eps_deg=degrees,
     )
@@ -138,7 +138,7 @@ def test_features_that_differ_part_two_objects_where_they_are_used(
 ) -> None:
     pair = sweep((spot(8.05, 0.05), FORWARD), (spot(8.05, 0.05), FORWARD))
     pair = replace(pair, vl_feature=np.repeat([[0.0, 0.0], [0.0, difference]], 6, axis=0))
-    found = proposals(pair, clustering__use_vl=used, clustering__vl_eps=0.5, clustering__eps_m=0.8)
+    found = proposals(pair, clustering__use_vl=used, clustering__vl_eps=0.5, clustering__eps_m=(0.8,))
     assert len(found.boxes) == objects
 
 

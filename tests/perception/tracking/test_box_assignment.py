@@ -51,7 +51,8 @@ def test_pairs_that_do_not_compete_are_assigned_as_all_at_once() -> None:
     rng = np.random.default_rng(0)
     for _ in range(50):
         cost = np.where(rng.random((12, 9)) < 0.2, rng.random((12, 9)), np.inf)
-        pairs = [(int(i), int(j), float(cost[i, j])) for i, j in np.argwhere(np.isfinite(cost))]
-        rows, columns = assign(cost)
-        assert assign_pairs(pairs) == dict(zip(rows.tolist(), columns.tolist(), strict=True))
-    assert assign_pairs([]) == {}
+        row, column = np.nonzero(np.isfinite(cost))
+        for found, expected in zip(assign_pairs(row, column, cost[row, column]), assign(cost), strict=True):
+            np.testing.assert_array_equal(found, expected)
+    none = np.zeros(0, np.int64)
+    assert [len(part) for part in assign_pairs(none, none, np.zeros(0))] == [0, 0]

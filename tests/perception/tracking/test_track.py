@@ -65,7 +65,7 @@ def test_what_claims_to_move_and_stays_is_dropped() -> None:
     rows = np.tile([5.0, 0, 0.8, 4, 2, 1.5, 0], (n, 1))
     tracks = track(np.arange(n), Boxes.from_rows(rows), np.tile([3.0, 0, 0], (n, 1)), TIME_S, CONFIG)
     assert len(tracks.track_id) == 0
-    assert tracks.dropped == {"too few boxes": 0, "goes nowhere": 1}
+    assert tracks.dropped == {"too few boxes": 0, "goes nowhere": 1, "duplicate": 0}
     anything = replace(CONFIG, travel=replace(CONFIG.travel, required=False))
     kept = track(np.arange(n), Boxes.from_rows(rows), np.tile([3.0, 0, 0], (n, 1)), TIME_S, anything)
     assert len(kept.track_id) == n

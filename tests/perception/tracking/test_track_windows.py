@@ -11,15 +11,16 @@ import pytest
 from tracker_settings import CONFIG
 
 from upvl_cli.perception.tracking.config import TrackerConfig
+from upvl_cli.perception.tracking.hypotheses import Hypotheses
 from upvl_cli.perception.tracking.track import track
-from upvl_cli.perception.tracking.windows import FrameTracks, track_in_windows
+from upvl_cli.perception.tracking.windows import BoxesOfFrame, FrameTracks, track_in_windows
 from upvl_cli.types import Boxes, concat
 
 STEP_S, FRAMES = 0.2, 300  # a minute
 STILL = replace(CONFIG, window_s=16.0, travel=replace(CONFIG.travel, required=False))
 
 
-def traffic() -> list[tuple[Boxes, np.ndarray]]:
+def traffic() -> list[BoxesOfFrame]:
     """One car that is followed for the minute, with gaps; a parked one, and cars that come and go on their lanes."""
     rng = np.random.default_rng(1)
     paths = [(0, FRAMES, (0.0, 0.0), 8.0), (0, FRAMES, (5.0, 10.0), 0.0)]
@@ -35,25 +36,35 @@ def traffic() -> list[tuple[Boxes, np.ndarray]]:
         table[:, :2] += rng.normal(0, 0.05, (len(table), 2))
         velocity = np.zeros((len(table), 3))
         velocity[:, 0] = table[:, 7]
-        frames.append((Boxes.from_rows(table[:, :7]), velocity))
+        frames.append(BoxesOfFrame(Boxes.from_rows(table[:, :7]), velocity))
     return frames
 
 
-def windowed(frames: list[tuple[Boxes, np.ndarray]], config: TrackerConfig) -> list[FrameTracks]:
+def windowed(frames: list[BoxesOfFrame], config: TrackerConfig) -> list[FrameTracks]:
     return list(track_in_windows(frames, np.arange(len(frames)) * STEP_S, config))
 
 
-def whole(frames: list[tuple[Boxes, np.ndarray]], config: TrackerConfig) -> list[FrameTracks]:
+def whole(frames: list[BoxesOfFrame], config: TrackerConfig) -> list[FrameTracks]:
     """The plain way: all frames at once, cut into frames."""
-    counts = [len(boxes) for boxes, _ in frames]
+    counts = [len(item.boxes) for item in frames]
     step, start = np.repeat(np.arange(len(frames)), counts), np.cumsum([0, *counts])
-    boxes, velocity = concat([boxes for boxes, _ in frames], Boxes), np.concatenate([v for _, v in frames])
+    boxes = concat([item.boxes for item in frames], Boxes)
+    velocity = np.concatenate([item.velocity_mps for item in frames])
     found = track(step, boxes, velocity, np.arange(len(frames)) * STEP_S, config)
     result = []
     for number in range(len(frames)):
         rows = found.frame == number
         box = np.where(found.box[rows] < 0, -1, found.box[rows] - start[number])
-        result.append(FrameTracks(found.track_id[rows], box, found.boxes[rows], found.velocity_mps[rows], {}))
+        result.append(
+            FrameTracks(
+                found.track_id[rows],
+                box,
+                found.hypothesis[rows],
+                found.boxes[rows],
+                found.velocity_mps[rows],
+                {},
+            )
+        )
     return result
 
 
@@ -81,8 +92,8 @@ def test_a_long_drive_has_the_tracks_of_the_whole_drive() -> None:
 
 
 def test_tracks_that_are_dropped_are_counted_once() -> None:
-    blink = [(Boxes.from_rows(np.array([[0, 0, 0.8, 4, 2, 1.5, 0.0]])), np.zeros((1, 3)))]
-    nothing = [(concat([], Boxes), np.zeros((0, 3)))]
+    blink = [BoxesOfFrame(Boxes.from_rows(np.array([[0, 0, 0.8, 4, 2, 1.5, 0.0]])), np.zeros((1, 3)))]
+    nothing = [BoxesOfFrame(concat([], Boxes), np.zeros((0, 3)))]
     drive = [*nothing * 20, *blink * 2, *nothing * 100, *blink, *nothing * 100, *blink * 3, *nothing * 40]
     found = windowed(drive, STILL)
     assert [step for step, frame in enumerate(found) if frame.dropped.get("too few boxes")] == [20, 122, 223]
@@ -96,11 +107,11 @@ class Batch(np.ndarray):
 def test_the_boxes_of_a_window_are_held_and_no_more() -> None:
     drive, live, most = traffic(), weakref.WeakSet(), 0
 
-    def frames() -> Iterator[tuple[Boxes, np.ndarray]]:
-        for boxes, velocity in drive:
-            batch = velocity.view(Batch)
+    def frames() -> Iterator[BoxesOfFrame]:
+        for item in drive:
+            batch = item.velocity_mps.view(Batch)
             live.add(Held(batch))
-            yield boxes, batch
+            yield BoxesOfFrame(item.boxes, batch)
 
     for _ in track_in_windows(frames(), np.arange(FRAMES) * STEP_S, STILL):
         most = max(most, len(live))
@@ -112,3 +123,33 @@ class Held:
 
     def __init__(self, batch: Batch) -> None:
         batch.held = self
+
+
+def test_tracks_of_two_hypotheses_keep_apart_and_duplicates_go() -> None:
+    """The second hypothesis has the same car, and one more that the first one does not know."""
+    drive = traffic()[:80]
+    doubled = []
+    for item in drive:
+        total = len(item.boxes)
+        other = np.column_stack([item.boxes.to_rows()[:1]])
+        other[:, 1] += 20.0
+        boxes = concat([item.boxes, item.boxes[:1], Boxes.from_rows(other)], Boxes) if total else item.boxes
+        velocity = np.concatenate([item.velocity_mps, item.velocity_mps[:1], item.velocity_mps[:1]])
+        number = np.repeat([0, 1], [total, len(boxes) - total])
+        twin = np.append(np.full(total, -1), [0, -1]) if total else np.zeros(0, np.int64)
+        doubled.append(BoxesOfFrame(boxes, velocity[: len(boxes)], Hypotheses(number, twin)))
+    time_s = np.arange(len(drive)) * STEP_S
+    plain = windowed(drive, STILL)
+    found = list(track_in_windows(doubled, time_s, STILL, max_duplicate_share=0.8))
+    for one, other in zip(found, plain, strict=True):
+        first = one.hypothesis == 0
+        np.testing.assert_array_equal(one.boxes[first].to_rows(), other.boxes.to_rows())
+        assert (~first).sum() == 1
+    for hypothesis in (0, 1):
+        numbers = {k for frame in found for k in frame.track_id[frame.hypothesis == hypothesis].tolist()}
+        assert not numbers & {
+            k for frame in found for k in frame.track_id[frame.hypothesis != hypothesis].tolist()
+        }
+    assert sum(frame.dropped["duplicate"] for frame in found) == 1
+    kept = list(track_in_windows(doubled, time_s, STILL))
+    assert {int((frame.hypothesis == 1).sum()) for frame in kept} == {2}

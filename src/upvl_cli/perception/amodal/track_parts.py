@@ -71,7 +71,8 @@ def points_of_boxes(state: Ints, proposal: Ints, box_proposal: Ints) -> Array:
     """Return (b, 3) points of each box of a frame: all, those with a known background state, those of background.
 
     Args:
-        state: (p,) background state of the points: 1 background, 0 not, negative unknown.
+        state: (p,) background state of points: 1 background, 0 not, negative unknown; a point of several proposals
+            stands there several times.
         proposal: (p,) proposal that each point belongs to, -1 for none.
         box_proposal: (b,) proposal of each box, -1 for a box that the tracker predicted: it has no point.
     """

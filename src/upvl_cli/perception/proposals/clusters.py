@@ -68,5 +68,12 @@ def median_velocities(label: Ints, velocity_mps: Floats) -> Array:
         label: (n,) cluster of each point, -1 for none; each cluster has a point.
         velocity_mps: (n, 3) velocity of each point.
     """
-    medians = [np.median(velocity_mps[points], axis=0) for points in points_of_clusters(label)]
-    return np.array(medians).reshape(-1, 3)
+    is_member = label != NOISE
+    owner, velocity_mps = label[is_member], velocity_mps[is_member]
+    count = np.bincount(owner)
+    first = np.cumsum(count) - count
+    medians = np.zeros((len(count), 3))
+    for axis, values in enumerate(velocity_mps.T):
+        ordered = values[np.lexsort((values, owner))]
+        medians[:, axis] = (ordered[first + (count - 1) // 2] + ordered[first + count // 2]) / 2
+    return medians

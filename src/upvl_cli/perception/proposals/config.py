@@ -11,8 +11,18 @@ from upvl_cli.config.base import Config, setting, table
 class ClusteringConfig(Config):
     """Settings of the joint clustering of position, motion and features (MI-UP, Section 4.2)."""
 
-    eps_m: float = setting(
-        "radius of the neighborhood in which two points are neighbors: the paper's eps", "m", ge=0.05, le=20
+    eps_m: tuple[float, ...] = setting(
+        "radius of the neighborhood in which two points are neighbors: the paper's eps; each value gives a "
+        "hypothesis, which is tracked on its own, the first one being number 0",
+        "m",
+        ge=0.05,
+        le=20,
+    )
+    duplicate_iou: float = setting(
+        "shared points of two objects of different hypotheses, over the points of both together, from which on "
+        "the later one is a duplicate of the earlier one",
+        gt=0,
+        le=1,
     )
     vertical_eps_m: float = setting(
         "radius of the neighborhood straight up and down, where it is larger than eps_m: glass returns "

@@ -11,8 +11,8 @@ import numpy as np
 
 from upvl_cli.geometry.boxes import pairs_inside
 from upvl_cli.geometry.se3 import apply
-from upvl_cli.perception.box_fit import rectangle_heading, tight_box
 from upvl_cli.perception.clustering import NOISE, dbscan_voxels
+from upvl_cli.perception.proposals.cluster_fits import ClusterFits, Sweep
 from upvl_cli.perception.proposals.clusters import (
     background_share,
     cluster_sizes,
@@ -26,9 +26,8 @@ from upvl_cli.perception.proposals.config import (
     ProposalBoxConfig,
     ProposalConfig,
 )
-from upvl_cli.perception.proposals.crowd import split_crowd
 from upvl_cli.perception.proposals.persistence import OccupancyHistory
-from upvl_cli.types import Array, Bools, Boxes, Floats, Ints, concat
+from upvl_cli.types import Array, Bools, Boxes, Floats, Ints
 
 _MIN_SPEED_MPS = 1e-9  # below any flow: an object that stands still never clears its place
 
@@ -52,33 +51,7 @@ class Proposals:
     dropped: dict[str, int]
 
 
-@dataclass(frozen=True)
-class Sweep:
-    """The points of one sweep that stand above the ground.
-
-    Attributes:
-        xyz_m: (n, 3) points.
-        velocity_mps: (n, 3) their velocity over the ground, along the axes of the points.
-        is_candidate: (n,) whether the point passed the motion mask; all points do for labels in all motion states.
-            The others only join a box that they lie in: flow misses points here and there.
-        background: (n,) 1 background, 0 not, negative unknown.
-        vl_feature: (n, d) strongest components of the features, 0 where there is none; d is 0 when unused.
-        height_m: (n,) heights over the ground.
-        world_from_sweep: (4, 4) pose of the axes of the points.
-        step: Number of the sweep in the `OccupancyHistory`.
-    """
-
-    xyz_m: Floats
-    velocity_mps: Floats
-    is_candidate: Bools
-    background: Ints
-    vl_feature: Floats
-    height_m: Floats
-    world_from_sweep: Floats
-    step: int
-
-
-def propose(sweep: Sweep, history: OccupancyHistory, config: ProposalConfig) -> Proposals:
+def propose(sweep: Sweep, history: OccupancyHistory, config: ProposalConfig) -> list[Proposals]:
     """Cluster the points that may be objects, and fit a box to each cluster (MI-UP, Section 4.2).
 
     Position and flow are clustered together: neighbors are close in both at once, so that a walker
@@ -88,25 +61,35 @@ def propose(sweep: Sweep, history: OccupancyHistory, config: ProposalConfig) -> 
         sweep: The points.
         history: Occupied places in all sweeps of the drive.
         config: Settings of each step.
+
+    Returns:
+        The proposals of each hypothesis: one for each radius of the clustering, in its order.
     """
+    fits = ClusterFits(sweep, config)
+    return [_propose(sweep, history, fits, eps_m, config) for eps_m in config.clustering.eps_m]
+
+
+def _propose(
+    sweep: Sweep, history: OccupancyHistory, fits: ClusterFits, eps_m: float, config: ProposalConfig
+) -> Proposals:
     background, dropped = config.background, dict[str, int]()
     is_clustered = sweep.is_candidate & (background.cluster | (sweep.background != 1))
-    label = _cluster(sweep, is_clustered, config.clustering)
+    label = _cluster(sweep, is_clustered, eps_m, config.clustering)
     dropped["points in no cluster"] = int((label[is_clustered] == NOISE).sum())
     dropped["background"] = 0
     # Clusters of background are many: they are dropped before a box is fitted to each.
     if background.drop and background.cluster:
         label, dropped["background"] = _drop_background(label, sweep, background.max_share)
-    label = _split_crowds(label, sweep, config)
+    label = _split_crowds(label, fits)
 
     velocity_mps = _velocities(label, sweep)
-    boxes = _fit_boxes(label, velocity_mps, sweep, config.box)
+    boxes = fits.boxes(label, velocity_mps)
     label = _adopt_free_points(label, sweep.xyz_m, boxes, config.box)
     if not background.cluster:
         if background.drop:
             label, dropped["background"] = _drop_background(label, sweep, background.max_share)
         velocity_mps = _velocities(label, sweep)
-    persistent = _persistent_points(label, velocity_mps, sweep, history, config)
+    persistent = _persistent_points(label, velocity_mps, fits, history)
     is_dropped = flagged_share(label, persistent) > config.persistence.max_share
     label, dropped["persistent"] = drop_clusters(label, is_dropped)
     dropped["persistent points"] = int((persistent & (label != NOISE)).sum())
@@ -115,26 +98,26 @@ def propose(sweep: Sweep, history: OccupancyHistory, config: ProposalConfig) -> 
         label, cluster_sizes(label) < config.clustering.min_points
     )
     velocity_mps = _velocities(label, sweep)
-    boxes = _fit_boxes(label, velocity_mps, sweep, config.box)
+    boxes = fits.boxes(label, velocity_mps)
     return Proposals(boxes, velocity_mps, cluster_sizes(label), label, dropped)
 
 
-def _cluster(sweep: Sweep, is_clustered: Bools, config: ClusteringConfig) -> Ints:
+def _cluster(sweep: Sweep, is_clustered: Bools, eps_m: float, config: ClusteringConfig) -> Ints:
     """Return (n,) cluster of each point by position, velocity and features together, in metres; -1 for none."""
     label: Ints = np.full(len(sweep.xyz_m), NOISE, dtype=np.int64)
-    position = sweep.xyz_m * [1.0, 1.0, min(1.0, config.eps_m / config.vertical_eps_m)]
+    position = sweep.xyz_m * [1.0, 1.0, min(1.0, eps_m / config.vertical_eps_m)]
     columns: list[Array] = [position]
     if config.use_velocity:
-        columns.append(sweep.velocity_mps * (config.eps_m / config.velocity_eps_mps))
+        columns.append(sweep.velocity_mps * (eps_m / config.velocity_eps_mps))
     if config.use_vl:
-        columns.append(sweep.vl_feature * (config.eps_m / config.vl_eps))
+        columns.append(sweep.vl_feature * (eps_m / config.vl_eps))
     reach_m = None
     if config.scale_with_range:
         range_m = np.hypot(*sweep.xyz_m[is_clustered, :2].T)
-        reach_m = np.maximum(config.eps_m, np.deg2rad(config.angular_eps_deg) * range_m)
+        reach_m = np.maximum(eps_m, np.deg2rad(config.angular_eps_deg) * range_m)
     label[is_clustered] = dbscan_voxels(
         np.hstack(columns)[is_clustered],
-        eps_m=config.eps_m,
+        eps_m=eps_m,
         min_points=config.min_points,
         voxel_m=config.voxel_m,
         reach_m=reach_m,
@@ -147,13 +130,12 @@ def _drop_background(label: Ints, sweep: Sweep, max_share: float) -> tuple[Ints,
     return drop_clusters(label, background_share(label, sweep.background) > max_share)
 
 
-def _split_crowds(label: Ints, sweep: Sweep, config: ProposalConfig) -> Ints:
+def _split_crowds(label: Ints, fits: ClusterFits) -> Ints:
     """Return the labels with crowds split: the first person keeps the number, the others get new ones."""
     label = label.copy()
     total = label.max(initial=NOISE) + 1
     for points in points_of_clusters(label):
-        body = points[sweep.height_m[points] >= config.box.ground_clearance_m]
-        person = split_crowd(sweep.xyz_m[body], config.crowd)
+        body, person = fits.persons(points)
         is_further = person > 0
         label[body[is_further]] = total + person[is_further] - 1
         total += person.max(initial=0)
@@ -163,34 +145,6 @@ def _split_crowds(label: Ints, sweep: Sweep, config: ProposalConfig) -> Ints:
 def _velocities(label: Ints, sweep: Sweep) -> Array:
     """Return (k, 3) median velocity of the points of each cluster that passed the motion mask."""
     return median_velocities(np.where(sweep.is_candidate, label, NOISE), sweep.velocity_mps)
-
-
-def _fit_boxes(label: Ints, velocity_mps: Floats, sweep: Sweep, config: ProposalBoxConfig) -> Boxes:
-    """Return the k boxes of the clusters, whose (k, 3) velocities are given."""
-    boxes = [
-        _fit_box(sweep.xyz_m[points], sweep.height_m[points], velocity, config)
-        for points, velocity in zip(points_of_clusters(label), velocity_mps, strict=True)
-    ]
-    return concat(boxes, Boxes)
-
-
-def _fit_box(xyz_m: Floats, height_m: Floats, velocity_mps: Floats, config: ProposalBoxConfig) -> Boxes:
-    """Return one box, along the motion of the object or, where it stands still, along its shape."""
-    is_body = height_m >= config.ground_clearance_m
-    if not is_body.any():
-        is_body = np.ones(len(xyz_m), dtype=np.bool_)
-    if np.hypot(*velocity_mps[:2]) >= config.moving_mps:
-        heading_rad = float(np.arctan2(velocity_mps[1], velocity_mps[0]))
-    else:
-        step_rad = float(np.deg2rad(config.heading_step_deg))
-        heading_rad = rectangle_heading(xyz_m[is_body, :2], step_rad=step_rad, floor_m=config.edge_floor_m)
-    box = tight_box(xyz_m[is_body], heading_rad, trim=config.trim)
-    low_m, high_m = xyz_m[:, 2].min(), xyz_m[:, 2].max()
-    if height_m.min() < config.standing_height_m:
-        low_m = np.median(xyz_m[:, 2] - height_m)  # the ground below the object
-    center_m = np.array([[*box.center_m[0, :2], (low_m + high_m) / 2]])
-    size_lwh_m = np.array([[*box.size_lwh_m[0, :2], high_m - low_m]])
-    return Boxes(center_m, size_lwh_m, box.heading_rad)
 
 
 def _adopt_free_points(label: Ints, xyz_m: Floats, boxes: Boxes, config: ProposalBoxConfig) -> Ints:
@@ -206,21 +160,22 @@ def _adopt_free_points(label: Ints, xyz_m: Floats, boxes: Boxes, config: Proposa
 
 
 def _persistent_points(
-    label: Ints, velocity_mps: Floats, sweep: Sweep, history: OccupancyHistory, config: ProposalConfig
+    label: Ints, velocity_mps: Floats, fits: ClusterFits, history: OccupancyHistory
 ) -> Bools:
     """Return (n,) which points of clusters lie where there is matter too when the cluster has moved away."""
-    persistence = config.persistence
+    sweep, persistence = fits.sweep, fits.config.persistence
     spans_s = np.sort(persistence.spans_s)
-    boxes = _fit_boxes(label, velocity_mps, sweep, config.box)
     speed_mps = np.linalg.norm(velocity_mps[:, :2], axis=1)
+    persistent = np.zeros(len(label), dtype=np.bool_)
+    if not len(spans_s) or not (speed_mps * spans_s[-1] >= persistence.clearance_m).any():
+        return persistent
+    boxes = fits.boxes(label, velocity_mps)
     clears_after_s = (boxes.size_lwh_m[:, 0] + persistence.clearance_m) / np.maximum(
         speed_mps, _MIN_SPEED_MPS
     )
-    choice = np.searchsorted(
-        spans_s, clears_after_s
-    )  # the first span that is long enough; none for slow ones
+    # The first span that is long enough; none for slow ones.
+    choice = np.searchsorted(spans_s, clears_after_s)
     span_of_point = np.append(choice, len(spans_s))[label]
-    persistent = np.zeros(len(label), dtype=np.bool_)
     for number, span_s in enumerate(spans_s.tolist()):
         points = np.flatnonzero(span_of_point == number)
         xyz_world_m = apply(sweep.world_from_sweep, sweep.xyz_m[points])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,44 +68,60 @@ class MotionModel:
     def filter(self, time_s: Floats, measured: Floats, noise: Floats) -> tuple[Array, Array]:
         """Return (T, 4) states and (T, 4, 4) covariances of one object, each from all of its measurements.
 
-        A Kalman filter runs forward and a Rauch-Tung-Striebel smoother runs back.
-
         Args:
             time_s: (T,) ascending times.
             measured: (T, 4) measurements, NaN in rows without one; the first row has one.
             noise: (T, 4, 4) their noise.
         """
-        states, covariances = [measured[0]], [noise[0]]
-        dt_s = np.diff(time_s)
-        for step_s, box, box_noise in zip(dt_s, measured[1:], noise[1:], strict=True):
-            state, covariance = self.predict(states[-1], covariances[-1], step_s)
-            if np.isfinite(box).all():
-                state, covariance = update(state, covariance, box, box_noise)
-            states.append(state)
-            covariances.append(covariance)
-        return self.smooth(np.array(states), np.array(covariances), dt_s)
+        return self.filter_tracks([time_s], [measured], [noise])[0]
 
-    def smooth(self, states: Floats, covariances: Floats, dt_s: Floats) -> tuple[Array, Array]:
-        """Return the states and covariances of a filter, each corrected by those after it.
+    def filter_tracks(
+        self, time_s: Sequence[Floats], measured: Sequence[Floats], noise: Sequence[Floats]
+    ) -> list[tuple[Array, Array]]:
+        """Return states and covariances of many objects, each from all of its measurements.
 
+        A Kalman filter runs forward and a Rauch-Tung-Striebel smoother runs back, for all objects at once.
         Rauch, Tung and Striebel, Maximum likelihood estimates of linear dynamic systems (1965).
 
         Args:
-            states: (T, 4) states of a Kalman filter.
-            covariances: (T, 4, 4) covariance of each.
-            dt_s: (T - 1,) time from each to the next.
+            time_s: For each object its (T,) ascending times.
+            measured: (T, 4) measurements of each, NaN in rows without one; the first row has one.
+            noise: (T, 4, 4) noise of each.
+
+        Returns:
+            (T, 4) states and (T, 4, 4) covariances of each object.
         """
-        smooth_states, smooth_covariances = states.copy(), covariances.copy()
-        transition, _ = self.transition(dt_s)
-        predicted, predicted_covariances = self.predict(states[:-1], covariances[:-1], dt_s)
-        ahead = product(transition, covariances[:-1])  # P F' transposed
-        gain = transposed(solve_positive_definite(predicted_covariances, ahead))
-        for k in range(len(states) - 2, -1, -1):
-            innovation = smooth_states[k + 1] - predicted[k]
-            smooth_states[k] += product(gain[k], innovation[:, None])[:, 0]
-            change = smooth_covariances[k + 1] - predicted_covariances[k]
-            smooth_covariances[k] += product(product(gain[k], change), gain[k].T)
-        return smooth_states, smooth_covariances
+        length = np.array([len(times) for times in time_s], dtype=np.int64)
+        order = np.argsort(-length, kind="stable")  # the objects that last for some steps are the first ones
+        start = np.cumsum(length) - length
+        box, box_noise = (np.concatenate([*parts]) for parts in (measured, noise)) if len(order) else ((), ())
+        dt_s = np.concatenate([np.append(0.0, np.diff(times)) for times in time_s]) if len(order) else ()
+        states, covariances = np.array(box, dtype=np.float64), np.array(box_noise, dtype=np.float64)
+        is_seen = np.asarray(np.isfinite(states).all(axis=-1))
+        predicted, predicted_covariances = states.copy(), covariances.copy()
+        alive = [start[order[: int((length > step).sum())]] + step for step in range(length.max(initial=0))]
+        for rows in alive[1:]:
+            moved = self.predict(states[rows - 1], covariances[rows - 1], dt_s[rows])
+            predicted[rows], predicted_covariances[rows] = moved
+            states[rows], covariances[rows] = moved
+            seen = rows[is_seen[rows]]
+            states[seen], covariances[seen] = update(
+                predicted[seen], predicted_covariances[seen], box[seen], box_noise[seen]
+            )
+        for rows in alive[:0:-1]:  # those that have a state before
+            before = rows - 1
+            transition, _ = self.transition(dt_s[rows])
+            ahead = product(transition, covariances[before])  # P F' transposed
+            gain = transposed(solve_positive_definite(predicted_covariances[rows], ahead))
+            innovation = states[rows] - predicted[rows]
+            states[before] += product(gain, innovation[..., None])[..., 0]
+            change = covariances[rows] - predicted_covariances[rows]
+            covariances[before] += product(product(gain, change), transposed(gain))
+        ends = np.cumsum(length).tolist()
+        return [
+            (states[begin:end], covariances[begin:end])
+            for begin, end in zip(start.tolist(), ends, strict=True)
+        ]
 
 
 def update(state: Floats, covariance: Floats, measured: Floats, noise: Floats) -> tuple[Array, Array]:

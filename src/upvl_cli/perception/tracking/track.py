@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from upvl_cli.perception.tracking.assignment import assign, assign_pairs
+from upvl_cli.perception.tracking.association import associate, join_fragments
 from upvl_cli.perception.tracking.config import TrackerConfig, TravelConfig
-from upvl_cli.perception.tracking.motion_model import MotionModel, squared_distance, update
+from upvl_cli.perception.tracking.hypotheses import Hypotheses
+from upvl_cli.perception.tracking.measurements import Measurements
+from upvl_cli.perception.tracking.motion_model import MotionModel
 from upvl_cli.types import Array, Boxes, Floats, Ints, concat
 
 COASTING = -1  # box of a track in a frame where it has none
@@ -23,6 +26,7 @@ class Tracks:
         track_id: (n,) number of the track, from 0 on in the order of its first box.
         frame: (n,) number of the frame.
         box: (n,) row of the box among those that were tracked; -1 where the track coasts.
+        hypothesis: (n,) number of the hypothesis of the track.
         boxes: n boxes; where coasting, of the track's median length and width at the filter's position.
         velocity_mps: (n, 3) velocity by the smoother; z as measured.
         dropped_from: First frame of each track that was left out, by reason.
@@ -31,6 +35,7 @@ class Tracks:
     track_id: Ints
     frame: Ints
     box: Ints
+    hypothesis: Ints
     boxes: Boxes
     velocity_mps: Array
     dropped_from: Mapping[str, Sequence[int]]
@@ -41,42 +46,15 @@ class Tracks:
         return {reason: len(frames) for reason, frames in self.dropped_from.items()}
 
 
-@dataclass(frozen=True)
-class _Measurements:
-    """The boxes of a segment in world axes, as the filter takes them.
-
-    Attributes:
-        frame: (n,) number of the frame of each, ascending.
-        boxes: n boxes.
-        velocity_mps: (n, 3) velocities.
-        state: (n, 4) x, y, vx, vy.
-        noise: (n, 4, 4) covariance of each state.
-        time_s: (T,) ascending time of each frame.
-    """
-
-    frame: Ints
-    boxes: Boxes
-    velocity_mps: Floats
-    state: Floats
-    noise: Floats
-    time_s: Floats
-
-    def time_of(self, row: Ints | int) -> Array:
-        """Return the times of some of the boxes."""
-        return np.asarray(self.time_s[self.frame[row]])
-
-
-@dataclass
-class _OpenTrack:
-    """A track while the frames go by: its boxes, and the filter's state at the last of them."""
-
-    state: Array
-    covariance: Array
-    rows: list[int]
-    time_s: float
-
-
-def track(frame: Ints, boxes: Boxes, velocity_mps: Floats, time_s: Floats, config: TrackerConfig) -> Tracks:
+def track(
+    frame: Ints,
+    boxes: Boxes,
+    velocity_mps: Floats,
+    time_s: Floats,
+    config: TrackerConfig,
+    hypotheses: Hypotheses | None = None,
+    max_duplicate_share: float = 1.0,
+) -> Tracks:
     """Associate the boxes of all frames to tracks, join the fragments of a track, and fill its gaps.
 
     UP-VL, Algorithm 1, line 7, names the step; the tracker is AB3DMOT's (Weng et al., 2020): a Kalman filter, a
@@ -88,85 +66,60 @@ def track(frame: Ints, boxes: Boxes, velocity_mps: Floats, time_s: Floats, confi
         velocity_mps: (n, 3) their velocities in world axes.
         time_s: (T,) ascending time of each frame.
         config: Settings.
+        hypotheses: Which boxes are tracked with each other; None tracks all of them together.
+        max_duplicate_share: Largest share of its boxes that a track of a later hypothesis may have in common with one
+            track of an earlier one.
     """
     config = config.at_rate(float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0)
+    if hypotheses is None:
+        hypotheses = Hypotheses.one(len(frame))
     model = MotionModel(config)
-    state = np.hstack([boxes.center_m[:, :2], velocity_mps[:, :2]])
-    measured = _Measurements(frame, boxes, velocity_mps, state, model.noise(boxes), time_s)
-    fragments = _associate(model, measured, config)
+    measured = Measurements.of_boxes(model, frame, boxes, velocity_mps, time_s)
+    found: list[_FoundTrack] = []
     dropped: dict[str, list[int]] = {"too few boxes": [], "goes nowhere": []}
-    found = []
-    for rows in _join_fragments(model, measured, fragments, config):
-        if len(rows) < config.min_boxes:
-            dropped["too few boxes"].append(int(frame[rows[0]]))
-        elif config.travel.required and not travels(state[rows], measured.time_of(rows), config.travel):
-            dropped["goes nowhere"].append(int(frame[rows[0]]))
+    for number in range(hypotheses.number.max(initial=0) + 1):
+        for item in _tracks_of(model, measured, np.flatnonzero(hypotheses.number == number), config):
+            if len(item.rows) < config.min_boxes:
+                dropped["too few boxes"].append(int(frame[item.rows[0]]))
+            elif config.travel.required and not _travels(measured, item.rows, config):
+                dropped["goes nowhere"].append(int(frame[item.rows[0]]))
+            else:
+                found.append(item)
+    is_duplicate = hypotheses.duplicate_tracks([item.rows for item in found], max_duplicate_share)
+    dropped["duplicate"] = [int(frame[found[k].rows[0]]) for k in np.flatnonzero(is_duplicate).tolist()]
+    kept = [item for item, is_dropped in zip(found, is_duplicate.tolist(), strict=True) if not is_dropped]
+    kept.sort(key=lambda item: int(item.rows[0]))
+    pieces = [_filled_track(measured, item, number) for number, item in enumerate(kept)]
+    first = np.array([item.rows[0] for item in kept], dtype=np.int64)
+    return _stack(pieces, hypotheses.number[first], dropped)
+
+
+class _FoundTrack(NamedTuple):
+    """The boxes of a track, ascending, and its states in all frames from its first to its last."""
+
+    rows: Ints
+    states: Array
+
+
+def _tracks_of(
+    model: MotionModel, measured: Measurements, rows: Ints, config: TrackerConfig
+) -> Iterator[_FoundTrack]:
+    """Yield the tracks of some boxes, in the order of their first boxes."""
+    fragments = associate(model, measured, rows, config)
+    fits = measured.smooth(model, fragments)
+    tracks = join_fragments(model, measured, fragments, fits, config)
+    chains = [np.concatenate([fragments[link] for link in links]) for links in tracks if len(links) > 1]
+    chain_fits = iter(zip(chains, measured.smooth(model, chains), strict=True))
+    for links in tracks:
+        if len(links) > 1:
+            boxes, (states, _) = next(chain_fits)
         else:
-            found.append(rows)
-    pieces = [_filled_track(model, measured, rows, number) for number, rows in enumerate(found)]
-    return _stack(pieces, dropped)
+            boxes, states = fragments[links[0]], fits[links[0]][0]
+        yield _FoundTrack(boxes, states)
 
 
-def _associate(model: MotionModel, measured: _Measurements, config: TrackerConfig) -> list[Ints]:
-    """Return the boxes of each track by one pass through time, in the order of their first boxes."""
-    tracks: list[_OpenTrack] = []
-    active: list[_OpenTrack] = []
-    for frame in np.unique(measured.frame):
-        rows = np.arange(*np.searchsorted(measured.frame, [frame, frame + 1]))
-        time_s = float(measured.time_s[frame])
-        active = [item for item in active if time_s - item.time_s <= config.max_coast_s]
-        state, covariance = model.predict(
-            np.array([item.state for item in active]).reshape(-1, 4),
-            np.array([item.covariance for item in active]).reshape(-1, 4, 4),
-            time_s - np.array([item.time_s for item in active]),
-        )
-        offset = measured.state[rows] - state[:, None]
-        cost = squared_distance(offset, covariance[:, None] + measured.noise[rows])
-        pairs = assign(np.where(cost <= config.gate_sigma**2, cost, np.inf))
-        for place, column in zip(*pairs, strict=True):
-            item, row = active[place], rows[column]
-            item.state, item.covariance = update(
-                state[place], covariance[place], measured.state[row], measured.noise[row]
-            )
-            item.rows.append(int(row))
-            item.time_s = time_s
-        for row in np.delete(rows, pairs[1]):
-            active.append(_OpenTrack(measured.state[row], measured.noise[row], [int(row)], time_s))
-            tracks.append(active[-1])
-    return [np.array(item.rows) for item in tracks]
-
-
-def _smooth(model: MotionModel, measured: _Measurements, rows: Ints) -> tuple[Array, Array]:
-    """Return the states and covariances of one track in all frames from its first to its last."""
-    frame = measured.frame[rows]
-    first, last = frame[0], frame[-1]
-    state, noise = np.full((last - first + 1, 4), np.nan), np.zeros((last - first + 1, 4, 4))
-    state[frame - first], noise[frame - first] = measured.state[rows], measured.noise[rows]
-    return model.filter(measured.time_s[first : last + 1], state, noise)
-
-
-def _join_fragments(
-    model: MotionModel, measured: _Measurements, fragments: Sequence[Ints], config: TrackerConfig
-) -> list[Ints]:
-    """Return the boxes of each track where a fragment that begins within the gate of another's end belongs to it."""
-    fits = [_smooth(model, measured, rows) for rows in fragments]
-    starts_s = np.array([measured.time_of(rows[0]) for rows in fragments])  # ascending
-    pairs: list[tuple[int, int, float]] = []
-    for i, (rows, (states, covariances)) in enumerate(zip(fragments, fits, strict=True)):
-        gap_s = starts_s - measured.time_of(rows[-1])
-        for j in np.flatnonzero((gap_s > 0) & (gap_s <= config.max_gap_s)).tolist():
-            state, covariance = model.predict(states[-1], covariances[-1], gap_s[j])
-            cost = squared_distance(fits[j][0][0] - state, fits[j][1][0] + covariance)
-            if cost <= config.gate_sigma**2:
-                pairs.append((i, j, float(cost)))
-    successor = assign_pairs(pairs)
-    tracks = []
-    for first in sorted(set(range(len(fragments))) - set(successor.values())):
-        links = [first]
-        while links[-1] in successor:
-            links.append(successor[links[-1]])
-        tracks.append(np.concatenate([fragments[link] for link in links]))
-    return tracks
+def _travels(measured: Measurements, rows: Ints, config: TrackerConfig) -> bool:
+    return travels(measured.state[rows], measured.time_of(rows), config.travel)
 
 
 def travels(state: Floats, time_s: Floats, config: TravelConfig) -> bool:
@@ -188,12 +141,12 @@ def travels(state: Floats, time_s: Floats, config: TravelConfig) -> bool:
 
 
 def _filled_track(
-    model: MotionModel, measured: _Measurements, rows: Ints, number: int
+    measured: Measurements, item: _FoundTrack, number: int
 ) -> tuple[Array, Array, Array, Boxes, Array]:
     """Return one track as columns: number, frame, box, boxes, velocity; its gaps filled."""
+    rows, states = item
     seen, boxes = measured.frame[rows], measured.boxes[rows]
     frame = np.arange(seen[0], seen[-1] + 1)
-    states, _ = _smooth(model, measured, rows)
     box = np.full(len(frame), COASTING, dtype=np.int64)
     box[seen - seen[0]] = rows
     vertical = [boxes.center_m[:, 2], boxes.size_lwh_m[:, 2], measured.velocity_mps[rows, 2]]
@@ -213,16 +166,19 @@ def _filled_track(
 
 
 def _stack(
-    pieces: Sequence[tuple[Array, Array, Array, Boxes, Array]], dropped: Mapping[str, list[int]]
+    pieces: Sequence[tuple[Array, Array, Array, Boxes, Array]],
+    hypothesis: Ints,
+    dropped: Mapping[str, list[int]],
 ) -> Tracks:
     if not pieces:
         none = np.zeros(0, dtype=np.int64)
-        return Tracks(none, none, none, concat([], Boxes), np.zeros((0, 3)), dropped)
+        return Tracks(none, none, none, none, concat([], Boxes), np.zeros((0, 3)), dropped)
     number, frame, box, boxes, velocity_mps = zip(*pieces, strict=True)
     return Tracks(
         np.concatenate(number),
         np.concatenate(frame),
         np.concatenate(box),
+        hypothesis[np.concatenate(number)],
         concat(boxes, Boxes),
         np.concatenate(velocity_mps),
         dropped,

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from upvl_cli.perception.tracking.config import TrackerConfig
+from upvl_cli.perception.tracking.hypotheses import Hypotheses
 from upvl_cli.perception.tracking.track import Tracks, track
 from upvl_cli.perception.windows import Window, overlapping_windows
 from upvl_cli.types import Array, Boxes, Floats, Ints, concat
@@ -21,6 +23,7 @@ class FrameTracks:
     Attributes:
         track_id: (n,) number of the track, ascending; from 0 on in the order of first boxes.
         box: (n,) row of the box among those of the frame; -1 where the track coasts.
+        hypothesis: (n,) number of the hypothesis of the track.
         boxes: n boxes.
         velocity_mps: (n, 3) velocity.
         dropped: How many tracks that would begin in this frame were left out, by reason.
@@ -28,13 +31,28 @@ class FrameTracks:
 
     track_id: Ints
     box: Ints
+    hypothesis: Ints
     boxes: Boxes
     velocity_mps: Array
     dropped: Mapping[str, int]
 
 
+class BoxesOfFrame(NamedTuple):
+    """The boxes of one frame, in world axes.
+
+    Attributes:
+        boxes: n boxes.
+        velocity_mps: (n, 3) velocity of each.
+        hypotheses: The hypotheses of the boxes; None where all are of one.
+    """
+
+    boxes: Boxes
+    velocity_mps: Floats
+    hypotheses: Hypotheses | None = None
+
+
 def track_in_windows(
-    frames: Iterable[tuple[Boxes, Floats]], time_s: Floats, config: TrackerConfig
+    frames: Iterable[BoxesOfFrame], time_s: Floats, config: TrackerConfig, max_duplicate_share: float = 1.0
 ) -> Iterator[FrameTracks]:
     """Yield the tracked boxes of each frame of a drive; those of a drive no longer than a window are `track`'s.
 
@@ -42,33 +60,45 @@ def track_in_windows(
     follow each other see the same boxes for half their length; tracks that share the most of them have one number.
 
     Args:
-        frames: T boxes in world axes and (n, 3) velocities; taken only as far ahead as a window reaches.
+        frames: Boxes of T frames; taken only as far ahead as a window reaches.
         time_s: (T,) ascending time of each frame.
         config: Settings.
+        max_duplicate_share: As for `track`.
     """
-    held: deque[tuple[Boxes, Floats]] = deque()
-    coming, first, boxes_before = (
-        iter(frames),
-        0,
-        0,
-    )  # `first` frame that is held, and the boxes of all before it
+    held: deque[BoxesOfFrame] = deque()
+    coming = iter(frames)
+    first, boxes_before = 0, 0  # first frame that is held, and the boxes of all before it
     numbers = _TrackNumbers()
     for window in overlapping_windows(time_s, config.window_s):
         while first + len(held) < window.learned.stop:
             held.append(next(coming))
         while first < window.learned.start:
-            boxes_before += len(held.popleft()[0])
+            boxes_before += len(held.popleft().boxes)
             first += 1
-        counts = np.array([len(boxes) for boxes, _ in held])
+        counts = np.array([len(item.boxes) for item in held])
         tracks = track(
             np.repeat(np.arange(len(held)), counts),
-            concat([boxes for boxes, _ in held], Boxes),
-            np.concatenate([np.zeros((0, 3)), *(velocity_mps for _, velocity_mps in held)]),
+            concat([item.boxes for item in held], Boxes),
+            np.concatenate([np.zeros((0, 3)), *(item.velocity_mps for item in held)]),
             time_s[window.learned.start : window.learned.stop],
             config,
+            _hypotheses_of(held),
+            max_duplicate_share,
         )
         number = numbers.of_window(tracks, window, boxes_before)
         yield from _served_frames(tracks, number, window, np.concatenate([[0], np.cumsum(counts)]))
+
+
+def _hypotheses_of(frames: Iterable[BoxesOfFrame]) -> Hypotheses:
+    """Return the hypotheses of the boxes of all frames, one frame after the other."""
+    none: Ints = np.zeros(0, np.int64)
+    number, duplicate_of, start = [none], [none], 0
+    for item in frames:
+        here = item.hypotheses or Hypotheses.one(len(item.boxes))
+        number.append(here.number)
+        duplicate_of.append(np.where(here.duplicate_of >= 0, here.duplicate_of + start, -1))
+        start += len(item.boxes)
+    return Hypotheses(np.concatenate(number), np.concatenate(duplicate_of))
 
 
 def _served_frames(tracks: Tracks, number: Ints, window: Window, box_start: Ints) -> Iterator[FrameTracks]:
@@ -88,6 +118,7 @@ def _served_frames(tracks: Tracks, number: Ints, window: Window, box_start: Ints
         yield FrameTracks(
             number[rows],
             np.where(box >= 0, box - box_start[frame], -1),
+            tracks.hypothesis[rows],
             tracks.boxes[rows],
             tracks.velocity_mps[rows],
             {reason: counts[frame] for reason, counts in dropped.items()},
