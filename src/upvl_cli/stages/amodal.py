@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from upvl_cli.config.base import setting, table
 from upvl_cli.perception.amodal.config import AmodalFitConfig
-from upvl_cli.perception.labels.config import SupportScoreConfig
+from upvl_cli.perception.objectness.config import ObjectnessConfig
 from upvl_cli.pipeline.stage import Stage
-from upvl_cli.stages.rows import AmodalRow, GroundRow, MaskRow, OdometryRow, ProposalRow, TrackRow
+from upvl_cli.stages.rows import AmodalRow, MaskRow, OdometryRow, ProposalRow, TrackRow
 
 if TYPE_CHECKING:
     from upvl_cli.perception.amodal.fit import KnownShape
     from upvl_cli.perception.amodal.track_parts import TrackTotals
     from upvl_cli.pipeline.stage import Inputs
-    from upvl_cli.types import Array, Bools, Ints
+    from upvl_cli.stages.track_sightings import PendingFrame, Sighting, TrackPart
+    from upvl_cli.types import Array, Bools, Floats, Ints
 
 
 @dataclass(frozen=True)
@@ -40,58 +41,73 @@ class AmodalConfig(AmodalFitConfig):
         ge=2,
         le=10**6,
     )
-    score: SupportScoreConfig = table("confidence of a label")
+    objectness: ObjectnessConfig = table("what a track's likeness to road users is measured on")
 
 
 def run(inputs: Inputs, config: AmodalConfig) -> Iterator[AmodalRow]:
-    """Give every track one size, and place that box in each of its frames."""
-    from upvl_cli.runtime.parallel import in_order
+    """Give every track one size, place that box in each of its frames, and score it by its likeness to road users."""
+    import numpy as np
 
-    totals = _totals(inputs)
+    from upvl_cli.perception.objectness.prior import shipped_prior
+
+    totals, prior = track_totals(inputs), shipped_prior()
+    pending: deque[PendingFrame] = deque()
+    for fitted in fitted_parts(inputs, totals, config, pending):
+        if fitted is not None:
+            objectness = prior.probability(fitted.features[None])[0]
+            extra = [objectness, fitted.sides_seen, fitted.residual_m]
+            for sighting, row in zip(fitted.part.sightings, fitted.rows, strict=True):
+                sighting.frame.fitted[sighting.row] = np.append(row, extra)
+        while pending and len(pending[0].fitted) == pending[0].expected:
+            yield _row(inputs, pending.popleft(), totals)
+
+
+@dataclass(frozen=True)
+class FittedPart:
+    """A part of a track with its boxes.
+
+    Attributes:
+        part: What was seen of it.
+        rows: (T, 7) boxes in world axes.
+        features: (f,) what its likeness to road users is measured on, `objectness.track_features.FEATURES`.
+        sides_seen: How many of its four sides faced the sensor.
+        residual_m: By how much its registered clouds differ; NaN where none is registered.
+    """
+
+    part: TrackPart
+    rows: Array
+    features: Floats
+    sides_seen: int
+    residual_m: float
+
+
+def fitted_parts(
+    inputs: Inputs, totals: TrackTotals, config: AmodalConfig, pending: deque[PendingFrame]
+) -> Iterator[FittedPart | None]:
+    """Yield each part of a track with its boxes once its last box was seen, and None after each frame.
+
+    Args:
+        inputs: Of the stage.
+        totals: What is known of each track.
+        config: Settings.
+        pending: The frames that were read are appended.
+    """
+    from upvl_cli.runtime.parallel import in_order
+    from upvl_cli.stages.track_sightings import sightings_of, track_parts
+
     is_object = totals.background_share <= config.max_background_share
     inputs.count("tracks dropped: background", ((totals.rows > 0) & ~is_object).sum())
     inputs.count("tracks kept", ((totals.rows > 0) & is_object).sum())
     parts = totals.parts(config.window_s) * is_object
     shapes = _shapes_of_long_tracks(inputs, totals, parts, config)
-    pending: deque[_Frame] = deque()
-    for part, boxes in in_order(
-        lambda part: _fit(config, part), _parts(inputs, totals, parts, shapes, pending)
-    ):
-        for sighting, box in zip(part.sightings if part else (), boxes, strict=True):
-            sighting.frame.boxes[sighting.row] = box
-        while pending and len(pending[0].boxes) == pending[0].expected:
-            yield _row(inputs, pending.popleft(), totals, config)
+    sweeps = sightings_of(inputs, config.objectness, lambda row: parts[row.track_id] > 0)
+    return in_order(
+        lambda part: None if part is None else fit_part(part, config),
+        track_parts(sweeps, totals, parts, shapes, pending),
+    )
 
 
-@dataclass(frozen=True)
-class _Frame:
-    """The kept boxes of a frame: `boxes` has a row of seven numbers for each that is fitted."""
-
-    pose: OdometryRow
-    tracks: TrackRow
-    expected: int
-    boxes: dict[int, Array] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class _Sighting:
-    """What was seen of a track in a frame: its box, and its points as the sweep has them."""
-
-    frame: _Frame
-    row: int
-    xyz_ego_m: Array
-    height_m: Array
-
-
-@dataclass(frozen=True)
-class _Part:
-    """Consecutive boxes of one track, and what is known of it where they are not all."""
-
-    sightings: list[_Sighting]
-    known: KnownShape | None
-
-
-def _totals(inputs: Inputs) -> TrackTotals:
+def track_totals(inputs: Inputs) -> TrackTotals:
     """Return what is known of each track from its points' states in all frames."""
     from upvl_cli.perception.amodal.track_parts import TrackTotals, points_of_boxes
 
@@ -105,71 +121,6 @@ def _totals(inputs: Inputs) -> TrackTotals:
     return totals
 
 
-def _sightings(
-    inputs: Inputs, is_wanted: Callable[[TrackRow], Bools]
-) -> Iterator[tuple[_Frame, list[_Sighting]]]:
-    """Yield each frame with what is seen of the wanted boxes."""
-    import numpy as np
-
-    from upvl_cli.perception.odometry.compensation import compensated_points
-    from upvl_cli.runtime.parallel import in_order
-
-    poses = inputs.table("odometry", OdometryRow)
-    points_of = compensated_points(inputs.drive, poses)
-    grounds, proposals = inputs.table("ground", GroundRow), inputs.table("propose", ProposalRow)
-
-    def sightings(item: tuple[TrackRow, Bools]) -> tuple[_Frame, list[_Sighting]]:
-        row, wanted = item
-        frame = _Frame(poses[row.frame], row, int(wanted.sum()))
-        if not frame.expected:
-            return frame, []
-        xyz_ego_m, height_m = points_of(row.frame).xyz_ego_m, grounds[row.frame].height_m
-        point_index = proposals[row.frame].point_index
-        end = np.append(np.cumsum(point_index.count), 0)  # of no proposal, which is the last
-        found = []
-        for box in np.flatnonzero(wanted).tolist():
-            proposal = int(row.proposal[box])  # a coasting box has -1: no points
-            points = point_index.values[end[proposal - 1] if proposal else 0 : end[proposal]]
-            points = points if proposal >= 0 else points[:0]
-            found.append(_Sighting(frame, box, xyz_ego_m[points], height_m[points]))
-        return frame, found
-
-    return in_order(sightings, ((row, is_wanted(row)) for row in inputs.table("track", TrackRow)))
-
-
-def _parts(
-    inputs: Inputs, totals: TrackTotals, parts: Ints, shapes: Mapping[int, KnownShape], pending: deque[_Frame]
-) -> Iterator[_Part | None]:
-    """Yield each part of a track once its last box was seen, and None after each frame.
-
-    Args:
-        inputs: Of the stage.
-        totals: Of each track.
-        parts: (k,) number of parts of each track, 0 for one that is dropped.
-        shapes: Size and heading of the tracks of several parts.
-        pending: The frames that were read are appended.
-    """
-    from upvl_cli.perception.amodal.fit import KnownShape
-
-    seen, begun = dict[int, int](), dict[int, list[_Sighting]]()
-    for frame, sightings in _sightings(inputs, lambda row: parts[row.track_id] > 0):
-        pending.append(frame)
-        for sighting in sightings:
-            track_id = int(frame.tracks.track_id[sighting.row])
-            number, rows, of_track = seen.get(track_id, 0), int(totals.rows[track_id]), int(parts[track_id])
-            begun.setdefault(track_id, []).append(sighting)
-            seen[track_id] = number + 1
-            if number + 1 == rows or number * of_track // rows != (number + 1) * of_track // rows:
-                ended, known = begun.pop(track_id), shapes.get(track_id)
-                if known is not None:
-                    here = known.heading_rad[number + 1 - len(ended) : number + 1]
-                    known = KnownShape(known.size_lwh_m, here, known.moves)
-                yield _Part(ended, known)
-            if number + 1 == rows:
-                del seen[track_id]
-        yield None
-
-
 def _shapes_of_long_tracks(
     inputs: Inputs, totals: TrackTotals, parts: Ints, config: AmodalConfig
 ) -> dict[int, KnownShape]:
@@ -181,6 +132,7 @@ def _shapes_of_long_tracks(
     from upvl_cli.perception.amodal.fit import KnownShape
     from upvl_cli.perception.amodal.heading import moving_headings
     from upvl_cli.perception.amodal.track_parts import spread
+    from upvl_cli.stages.track_sightings import TrackPart, sightings_of
     from upvl_cli.types import Boxes
 
     chosen = {
@@ -204,71 +156,63 @@ def _shapes_of_long_tracks(
                 box_rows[track_id].append(placed[box])
         return wanted
 
-    samples: dict[int, list[_Sighting]] = {track_id: [] for track_id in chosen}
-    for frame, sightings in _sightings(inputs, is_chosen):
+    samples: dict[int, list[Sighting]] = {track_id: [] for track_id in chosen}
+    for frame, sightings in sightings_of(inputs, config.objectness, is_chosen):
         for sighting in sightings:
             samples[int(frame.tracks.track_id[sighting.row])].append(sighting)
     shapes = {}
     for track_id, sample in samples.items():
-        _, boxes = _fit(config, _Part(sample, None))
+        size_and_heading = fit_part(TrackPart(sample, None), config).rows[0, 3:7]
         through = Boxes.from_rows(np.array(box_rows[track_id]))
         heading_rad = moving_headings(through, np.array(velocity_mps[track_id]), config.heading)
         moves = heading_rad is not None
         if heading_rad is None:
-            heading_rad = np.full(totals.rows[track_id], boxes[0, 6])
-        shapes[track_id] = KnownShape(boxes[0, 3:6], heading_rad, moves)
+            heading_rad = np.full(totals.rows[track_id], size_and_heading[3])
+        shapes[track_id] = KnownShape(size_and_heading[:3], heading_rad, moves)
     return shapes
 
 
-def _fit(config: AmodalConfig, part: _Part | None) -> tuple[_Part | None, Array]:
-    """Return (T, 7) boxes of a part in world axes; none for none."""
+def fit_part(part: TrackPart, config: AmodalConfig) -> FittedPart:
+    """Fit the boxes of a part of a track, and measure its shape."""
     import numpy as np
 
-    from upvl_cli.geometry.boxes import transform
-    from upvl_cli.geometry.se3 import apply, rotate, yaw_of
+    from upvl_cli.geometry.se3 import yaw_of
     from upvl_cli.perception.amodal.fit import fit_amodal_boxes
     from upvl_cli.perception.amodal.sightings import Sightings
-    from upvl_cli.types import Boxes, concat
+    from upvl_cli.perception.objectness.track_features import track_features
+    from upvl_cli.types import Boxes
 
-    if part is None:
-        return None, np.zeros((0, 7))
-    seen = part.sightings
-    poses = [sighting.frame.pose.world_from_ego for sighting in seen]
-    velocity_mps = [sighting.frame.tracks.velocity_mps[sighting.row] for sighting in seen]
-    boxes = [sighting.frame.tracks.boxes[[sighting.row]] for sighting in seen]
-    fitted = fit_amodal_boxes(
-        Sightings(
-            np.array([sighting.frame.pose.time_ns * 1e-9 for sighting in seen]),
-            [apply(pose, sighting.xyz_ego_m) for pose, sighting in zip(poses, seen, strict=True)],
-            [sighting.height_m.astype(np.float64) for sighting in seen],
-            concat([transform(box, pose) for box, pose in zip(boxes, poses, strict=True)], Boxes),
-            np.array(
-                [rotate(pose, velocity[None])[0] for pose, velocity in zip(poses, velocity_mps, strict=True)]
-            ),
-            np.array([pose[:2, 3] for pose in poses]),
-            np.array([yaw_of(pose) for pose in poses]),
-        ),
-        config,
-        part.known,
+    sightings = part.sightings
+    poses = np.array([sighting.frame.pose.world_from_ego for sighting in sightings])
+    seen = Sightings(
+        np.array([sighting.frame.pose.time_ns * 1e-9 for sighting in sightings]),
+        [sighting.xyz_m for sighting in sightings],
+        [sighting.height_m for sighting in sightings],
+        Boxes.from_rows(np.array([sighting.box for sighting in sightings])),
+        np.array([sighting.velocity_mps for sighting in sightings]),
+        poses[:, :2, 3],
+        yaw_of(poses),
     )
-    return part, fitted.to_rows()
+    fit = fit_amodal_boxes(seen, config, part.known)
+    ring_points = np.array([sighting.ring_points for sighting in sightings])
+    features = track_features(seen, fit.boxes, ring_points, config.objectness)
+    return FittedPart(part, fit.boxes.to_rows(), features, fit.sides_seen, fit.residual_m)
 
 
-def _row(inputs: Inputs, frame: _Frame, totals: TrackTotals, config: AmodalConfig) -> AmodalRow:
+def _row(inputs: Inputs, frame: PendingFrame, totals: TrackTotals) -> AmodalRow:
     """Return the boxes of a frame of which every track is fitted."""
     import numpy as np
 
     from upvl_cli.geometry.boxes import transform
     from upvl_cli.geometry.se3 import inverse
-    from upvl_cli.perception.labels.suppression import support_score
     from upvl_cli.types import Boxes
 
-    tracks, kept = frame.tracks, np.array(sorted(frame.boxes), dtype=np.int64)
+    tracks, kept = frame.tracks, np.array(sorted(frame.fitted), dtype=np.int64)
     inputs.count("boxes", len(kept))
-    world = Boxes.from_rows(np.array([frame.boxes[row] for row in kept.tolist()]))
-    boxes = transform(world, inverse(frame.pose.world_from_ego))
+    values = np.array([frame.fitted[row] for row in kept.tolist()]).reshape(-1, 10)
+    boxes = transform(Boxes.from_rows(values[:, :7]), inverse(frame.pose.world_from_ego))
     track_id, num_points = tracks.track_id[kept], tracks.num_points[kept]
-    num_frames_seen, share = totals.num_frames_seen[track_id], totals.background_share[track_id]
+    share = totals.background_share[track_id]
     return AmodalRow(
         inputs.segment,
         tracks.frame,
@@ -278,10 +222,13 @@ def _row(inputs: Inputs, frame: _Frame, totals: TrackTotals, config: AmodalConfi
         boxes.heading_rad,
         tracks.velocity_mps[kept],
         num_points,
-        support_score(num_points, num_frames_seen, share, config.score),
+        values[:, 7] * (1.0 - share),
         track_id,
         share,
-        num_frames_seen,
+        totals.num_frames_seen[track_id],
+        objectness=values[:, 7],
+        sides_seen=values[:, 8].astype(np.int8),
+        residual_m=values[:, 9],
     )
 
 
@@ -291,5 +238,5 @@ STAGE = Stage(
     config=AmodalConfig,
     row=AmodalRow,
     reads=("raw", "odometry", "ground", "mask", "propose", "track"),
-    version=6,
+    version=7,
 )

@@ -206,6 +206,16 @@ class AmodalRow(ScoredBoxRow):
         "float64", "share of background among the points of the track, in all frames", per="box"
     )
     num_frames_seen: Array = column("int32", "frames in which the track has points", per="box")
+    objectness: Array = column(
+        "float32", "probability that the track is a road user, by its shape, size and motion", per="box"
+    )
+    sides_seen: Array = column("int8", "how many of its four sides faced the sensor", per="box")
+    residual_m: Array = column(
+        "float32",
+        "by how much the registered sweeps of the track differ, NaN where none is registered",
+        "m",
+        per="box",
+    )
 
 
 B = TypeVar("B", bound=BoxRow)

@@ -9,7 +9,7 @@ from upvl_cli.types import Array, Bools, Floats, Ints
 
 
 def shown_sides(size_m: Floats, sensor_xy_m: Array, num_points: Ints, config: SizePriorConfig) -> Bools:
-    """Return (2,) whether the sensor saw the object from where its length shows, and from where its width does.
+    """Return (4,) whether front, rear, left and right were turned to the sensor in a frame that counts.
 
     Args:
         size_m: (2,) length and width that were seen, about the origin.
@@ -17,15 +17,13 @@ def shown_sides(size_m: Floats, sensor_xy_m: Array, num_points: Ints, config: Si
         num_points: (T,) points in each frame; those with less than half of the most do not count.
         config: Angle from which a side shows.
     """
-    beyond_m = np.maximum(np.abs(sensor_xy_m) - size_m / 2, 0.0)
-    sine = beyond_m[:, ::-1] / np.maximum(np.linalg.norm(sensor_xy_m, axis=1, keepdims=True), 1e-9)
+    beyond_m = np.column_stack([sensor_xy_m - size_m / 2, -sensor_xy_m - size_m / 2])[:, [0, 2, 1, 3]]
+    sine = beyond_m / np.maximum(np.linalg.norm(sensor_xy_m, axis=1, keepdims=True), 1e-9)
     counts = 2 * num_points >= num_points.max(initial=0)
     return np.asarray((sine[counts] >= np.sin(np.deg2rad(config.min_shown_deg))).any(axis=0))
 
 
-def complete_center(
-    low: Array, high: Array, sensor_xy_m: Array, size_m: Array, *, is_vehicle: bool
-) -> Array:
+def complete_center(low: Array, high: Array, sensor_xy_m: Array, size_m: Array, *, is_vehicle: bool) -> Array:
     """Return (T, 2) center of a box of that size whose hidden part lies behind what faces the sensor.
 
     A vehicle shows a corner: the hidden part lies away from the sensor, along and across; where the sensor is beside
@@ -62,10 +60,13 @@ def anchor(registered: Array, faced: Array, time_s: Floats, window_s: float, *, 
         fallback: (T, 2) centers for frames that are not registered.
     """
     off = faced - registered
-    center = fallback.copy()
-    for number in np.flatnonzero(np.isfinite(registered).all(axis=1)):
-        window = off[np.abs(time_s - time_s[number]) <= window_s / 2]
-        for axis in range(2):
-            known = window[np.isfinite(window[:, axis]), axis]
-            center[number, axis] = registered[number, axis] + (np.median(known) if len(known) else 0.0)
-    return center
+    is_registered = np.isfinite(registered).all(axis=1)
+    shift = np.zeros_like(registered)
+    for axis in range(2):
+        known = np.flatnonzero(np.isfinite(off[:, axis]))
+        first = np.searchsorted(time_s[known], time_s - window_s / 2, side="left")
+        last = np.searchsorted(time_s[known], time_s + window_s / 2, side="right")
+        windows, row = np.unique(np.stack([first, last]), axis=1, return_inverse=True)
+        medians = [np.median(off[known[begin:end], axis]) if end > begin else 0.0 for begin, end in windows.T]
+        shift[:, axis] = np.array(medians)[row.reshape(-1)]
+    return np.where(is_registered[:, None], registered + shift, fallback)

@@ -66,7 +66,10 @@ class HeadingConfig(Config):
         "smallest share of the frames at that speed of what moves; with less, the object stands", ge=0, le=1
     )
     min_reach_m: float = setting(
-        "distance from its first place that what moves gets to; a small object need not get so far", "m", ge=0, le=100
+        "distance from its first place that what moves gets to; a small object need not get so far",
+        "m",
+        ge=0,
+        le=100,
     )
     min_reach_lengths: float = setting(
         "the same in multiples of the longer side that is seen of the object; the lesser of both is asked",
@@ -123,14 +126,19 @@ class SizePriorConfig(Config):
     """What is known of sizes where a side of an object is not seen, or not wholly."""
 
     min_shown_deg: float = setting(
-        "angle between the line of sight and a side from which on the extent of the side shows", "degrees", ge=0, le=90
+        "angle between the line of sight and a side from which on the extent of the side shows",
+        "degrees",
+        ge=0,
+        le=90,
     )
     whole_share_shown: float = setting(
         "how likely the extent that was seen of a side that shows is its whole extent", ge=0, le=1
     )
     whole_share_hidden: float = setting("the same of a side that does not show", ge=0, le=1)
     min_height_points: int = setting(
-        "points in one frame from which on the whole height was seen: far away a few beams hit", ge=0, le=10**6
+        "points in one frame from which on the whole height was seen: far away a few beams hit",
+        ge=0,
+        le=10**6,
     )
     shortfall_share: float = setting(
         "share of the whole length or width by which points fall short of it: edges are round", ge=0, le=0.5
@@ -139,7 +147,9 @@ class SizePriorConfig(Config):
     extent_error_share: float = setting("that share", ge=0, le=0.5)
     other_share: float = setting("how frequent objects are that are of no kind", gt=0, le=1)
     other_volume_m3: float = setting(
-        "volume of length x width x height over which the sizes of such objects are spread evenly", "m^3", gt=0
+        "volume of length x width x height over which the sizes of such objects are spread evenly",
+        "m^3",
+        gt=0,
     )
     car: KindSizeConfig = table("cars, wagons and small vans")
     van: KindSizeConfig = table("large vans and pickup trucks")

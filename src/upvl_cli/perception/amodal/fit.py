@@ -9,15 +9,16 @@ import numpy as np
 
 from upvl_cli.geometry.se3 import apply, inverse, wrap_angle
 from upvl_cli.perception.amodal.completion import anchor, complete_center, shown_sides
-from upvl_cli.perception.amodal.config import AmodalFitConfig, EdgeConfig, SizePriorConfig
+from upvl_cli.perception.amodal.config import AmodalFitConfig, EdgeConfig
 from upvl_cli.perception.amodal.edges import MIN_EXTENT_POINTS, attained, trimmed_edges
-from upvl_cli.perception.amodal.heading import headings
+from upvl_cli.perception.amodal.heading import headings, moving_headings
+from upvl_cli.perception.amodal.residual import cloud_residual_m
 from upvl_cli.perception.amodal.sightings import Sightings
 from upvl_cli.perception.amodal.size_prior import whole_size
 from upvl_cli.perception.amodal.track_registration import register_track
 from upvl_cli.perception.amodal.vertical import vertical_extent
 from upvl_cli.perception.box_fit import to_heading_axes
-from upvl_cli.types import Array, Boxes, Floats, Ints
+from upvl_cli.types import Array, Bools, Boxes, Floats, Ints
 
 
 @dataclass(frozen=True)
@@ -35,8 +36,23 @@ class KnownShape:
     moves: bool
 
 
-def fit_amodal_boxes(seen: Sightings, config: AmodalFitConfig, known: KnownShape | None = None) -> Boxes:
-    """Return T boxes around the whole object, all of one size (MI-UP, section 4.3).
+@dataclass(frozen=True)
+class AmodalFit:
+    """The boxes of a track, and what they rest on.
+
+    Attributes:
+        boxes: T boxes, all of one size.
+        sides_seen: How many of the four sides faced the sensor.
+        residual_m: By how much the registered clouds differ; NaN where fewer than two are registered.
+    """
+
+    boxes: Boxes
+    sides_seen: int
+    residual_m: float
+
+
+def fit_amodal_boxes(seen: Sightings, config: AmodalFitConfig, known: KnownShape | None = None) -> AmodalFit:
+    """Fit T boxes around the whole object, all of one size (MI-UP, section 4.3).
 
     The clouds of all frames are registered with each other; the edges of their union are the box, and the inverse
     of each frame's motion puts it there. In a frame that is not registered the box is placed at the edge that faces
@@ -56,20 +72,16 @@ def fit_amodal_boxes(seen: Sightings, config: AmodalFitConfig, known: KnownShape
     clouds, sensor_xy_m = _to_box_axes(clouds, place_m, seen.sensor_xy_m, heading_rad)
     motions = register_track(clouds, config.registration) if moves else _at_rest(clouds)
     low, high = trimmed_edges(clouds, config.edges.trim_share)
-    floor_m, height_m = vertical_extent(seen, config)
+    floor_m, height_m = vertical_extent(seen, config, moves=moves)
     if motions:
         first, last, sensors_m = _registered_edges(clouds, motions, sensor_xy_m, config.edges)
     else:
         extent_m = attained(high - low, config.edges.min_frame_share)
         first, last, sensors_m = -extent_m / 2, extent_m / 2, sensor_xy_m
+    num_points = np.array([len(clouds[number]) for number in (motions or range(len(clouds)))])
+    shown = shown_sides(last - first, sensors_m - (first + last) / 2, num_points, config.size)
     size_lwh_m = (
-        _whole_size(
-            (last - first, height_m),
-            sensors_m - (first + last) / 2,
-            np.array([len(clouds[number]) for number in (motions or range(len(clouds)))]),
-            float(np.hypot(*seen.velocity_mps[:, :2].T).max()) if moves else 0.0,
-            config.size,
-        )
+        _whole_size(np.append(last - first, height_m), shown, num_points, seen, config)
         if known is None
         else known.size_lwh_m
     )
@@ -88,29 +100,31 @@ def fit_amodal_boxes(seen: Sightings, config: AmodalFitConfig, known: KnownShape
     window_s = config.edges.anchor_window_s if moves else np.inf
     offset = anchor(registered, np.where(facing, offset, np.nan), seen.time_s, window_s, fallback=offset)
     xy_m = place_m[:, :2] + to_heading_axes(_interpolate_missing(offset), -heading_rad)
-    return Boxes(
+    boxes = Boxes(
         np.column_stack([xy_m, floor_m + height_m / 2]),
         np.tile([*size_m, height_m], (len(xy_m), 1)),
         wrap_angle(heading_rad),
     )
+    return AmodalFit(boxes, int(shown.sum()), cloud_residual_m(clouds, motions))
 
 
 def _whole_size(
-    seen_m: tuple[Array, float], sensor_xy_m: Array, num_points: Ints, speed_mps: float, config: SizePriorConfig
+    seen_m: Floats, shown: Bools, num_points: Ints, seen: Sightings, config: AmodalFitConfig
 ) -> Array:
     """Return (3,) length, width and height of the whole object.
 
     Args:
-        seen_m: (2,) length and width that were seen, and the height.
-        sensor_xy_m: (T, 2) sensor about the center of what was seen, along and across.
+        seen_m: (3,) length, width and height that were seen.
+        shown: (4,) whether front, rear, left and right were turned to the sensor.
         num_points: (T,) points of each frame.
-        speed_mps: The highest speed of the object.
-        config: What is known of sizes.
+        seen: The track.
+        config: Settings.
     """
-    flat_m, height_m = seen_m
-    is_tall = num_points.max(initial=0) >= config.min_height_points
-    is_shown = np.append(shown_sides(flat_m, sensor_xy_m, num_points, config), is_tall)
-    return whole_size(np.append(flat_m, height_m), is_shown, speed_mps, config)
+    is_tall = num_points.max(initial=0) >= config.size.min_height_points
+    is_shown = np.array([shown[2:].any(), shown[:2].any(), is_tall])
+    moves = moving_headings(seen.boxes, seen.velocity_mps, config.heading) is not None
+    speed_mps = float(np.hypot(*seen.velocity_mps[:, :2].T).max()) if moves else 0.0
+    return whole_size(seen_m, is_shown, speed_mps, config.size)
 
 
 def _above_clearance(xyz_m: Floats, height_m: Floats, ground_clearance_m: float) -> Floats:

@@ -46,7 +46,9 @@ def moving_headings(boxes: Boxes, velocity_mps: Floats, config: HeadingConfig) -
         return None
     steps_m = np.diff(boxes.center_m[:, :2], axis=0)
     reach_m = float(np.linalg.norm(boxes.center_m[:, :2] - boxes.center_m[0, :2], axis=1).max())
-    asked_m = min(config.min_reach_m, config.min_reach_lengths * float(np.median(boxes.size_lwh_m[:, :2].max(axis=1))))
+    asked_m = min(
+        config.min_reach_m, config.min_reach_lengths * float(np.median(boxes.size_lwh_m[:, :2].max(axis=1)))
+    )
     if reach_m < max(asked_m, config.min_reach_share * float(np.linalg.norm(steps_m, axis=1).sum())):
         return None
     heading_rad = np.unwrap(np.arctan2(velocity_mps[moves, 1], velocity_mps[moves, 0]))

@@ -30,7 +30,9 @@ def whole_size(seen_m: Floats, is_shown: Bools, speed_mps: float, config: SizePr
     weights, expected = [], []
     for kind in config.kinds:
         too_fast = kind.max_speed_mps > 0 and speed_mps > kind.max_speed_mps
-        likelihood, size_m = _extents(seen_m, share, np.array(kind.mean_lwh_m), np.array(kind.spread_lwh_m), config)
+        likelihood, size_m = _extents(
+            seen_m, share, np.array(kind.mean_lwh_m), np.array(kind.spread_lwh_m), config
+        )
         weights.append(0.0 if too_fast else kind.share * likelihood.prod())
         expected.append(size_m)
     weights.append(config.other_share / config.other_volume_m3)

@@ -10,7 +10,7 @@ from upvl_cli.perception.amodal.sightings import Sightings
 from upvl_cli.types import Array, Floats
 
 
-def vertical_extent(seen: Sightings, config: AmodalFitConfig) -> tuple[Array, float]:
+def vertical_extent(seen: Sightings, config: AmodalFitConfig, *, moves: bool) -> tuple[Array, float]:
     """Return (T,) heights of the lower side of the box, and its height.
 
     An object that shows its foot in some frames stands on the ground in all of them, also where its foot is hidden.
@@ -18,6 +18,7 @@ def vertical_extent(seen: Sightings, config: AmodalFitConfig) -> tuple[Array, fl
     Args:
         seen: The object's points, and their heights over the ground.
         config: Settings.
+        moves: Whether the object moves; what stands has one height.
     """
     rule, min_share = config.ground, config.edges.min_frame_share
     low, high, ground = (np.full(len(seen.xyz_m), np.nan) for _ in range(3))
@@ -31,7 +32,10 @@ def vertical_extent(seen: Sightings, config: AmodalFitConfig) -> tuple[Array, fl
         return seen.boxes.center_m[:, 2] - box_height_m / 2, float(attained(box_height_m, min_share))
     lowest_m = -float(attained(-low, min_share))
     suspension_m = lowest_m if lowest_m >= rule.max_standing_m else 0.0
-    level = ground_level(seen.time_s[known], ground[known], rule)
+    if moves:
+        level = ground_level(seen.time_s[known], ground[known], rule)
+    else:
+        level = np.full(len(known), np.percentile(ground[known], rule.percentile))
     floor_m = np.interp(seen.time_s, seen.time_s[known], level) + suspension_m
     return floor_m, float(attained(high, min_share)) - suspension_m
 
