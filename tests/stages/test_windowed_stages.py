@@ -113,18 +113,18 @@ def plain_amodal(inputs: LongInputs) -> dict[tuple[int, int], np.ndarray]:
             xyz = apply(world_from_ego, inputs.drive.points(row.frame).xyz_ego_m[points])
             height = ground.height_m[points].astype(float)
             sightings.setdefault(track_id, []).append(
-                (row.frame, xyz, height, boxes[[place]], velocity[place], world_from_ego)
+                (row.frame, xyz, height, boxes[[place]], velocity[place], world_from_ego, row.time_ns * 1e-9)
             )
     found = {}
     for track_id, seen in sightings.items():
-        frames, xyz, height, boxes, velocity, turns = zip(*seen, strict=True)
+        frames, xyz, height, boxes, velocity, turns, time_s = zip(*seen, strict=True)
         fitted = fit_amodal_boxes(
             Sightings(
-                xyz, height, concat(boxes, Boxes), np.array(velocity), np.array([turn[:2, 3] for turn in turns]),
+                np.array(time_s), xyz, height, concat(boxes, Boxes), np.array(velocity), np.array([turn[:2, 3] for turn in turns]),
                 np.array([yaw_of(turn) for turn in turns]),
             ),
             AMODAL,
-        )  # fmt: skip
+        ).boxes  # fmt: skip
         for frame, box in zip(frames, fitted.to_rows(), strict=True):
             found[frame, track_id] = Boxes.from_rows(box[None])
     return {

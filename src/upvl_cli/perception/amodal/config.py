@@ -134,6 +134,9 @@ class SizePriorConfig(Config):
     whole_share_shown: float = setting(
         "how likely the extent that was seen of a side that shows is its whole extent", ge=0, le=1
     )
+    whole_height_share: float = setting(
+        "how likely the height that was seen is the whole one, where there are points enough", ge=0, le=1
+    )
     whole_share_hidden: float = setting("the same of a side that does not show", ge=0, le=1)
     min_height_points: int = setting(
         "points in one frame from which on the whole height was seen: far away a few beams hit",
@@ -156,12 +159,13 @@ class SizePriorConfig(Config):
     truck: KindSizeConfig = table("trucks")
     bus: KindSizeConfig = table("buses")
     two_wheeler: KindSizeConfig = table("cyclists and motorcyclists with their vehicle")
-    pedestrian: KindSizeConfig = table("pedestrians")
+    pedestrian: KindSizeConfig = table("adults")
+    child: KindSizeConfig = table("children")
 
     @property
     def kinds(self) -> tuple[KindSizeConfig, ...]:
         """All kinds."""
-        return (self.car, self.van, self.truck, self.bus, self.two_wheeler, self.pedestrian)
+        return (self.car, self.van, self.truck, self.bus, self.two_wheeler, self.pedestrian, self.child)
 
 
 @dataclass(frozen=True)

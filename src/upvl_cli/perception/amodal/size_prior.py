@@ -26,7 +26,8 @@ def whole_size(seen_m: Floats, is_shown: Bools, speed_mps: float, config: SizePr
         speed_mps: The highest speed of the object.
         config: The kinds and the errors of an extent.
     """
-    share = np.where(is_shown, config.whole_share_shown, config.whole_share_hidden)
+    shown_share = np.array([config.whole_share_shown, config.whole_share_shown, config.whole_height_share])
+    share = np.where(is_shown, shown_share, config.whole_share_hidden)
     weights, expected = [], []
     for kind in config.kinds:
         too_fast = kind.max_speed_mps > 0 and speed_mps > kind.max_speed_mps
