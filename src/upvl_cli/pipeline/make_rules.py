@@ -21,7 +21,13 @@ def write_rules(workspace: Workspace) -> Path:
     workspace.mark_model()
     pipeline = workspace.pipeline
     for stage in pipeline.stages:
-        write_if_changed(workspace.out / f"{stage.name}.stamp", workspace.stage_stamp(stage))
+        digests = (
+            []
+            if stage.is_of_dataset
+            else [workspace.files_digest(stage, segment) for segment in workspace.segments]
+        )
+        mark = "\n".join([workspace.stage_stamp(stage), *filter(None, digests)])
+        write_if_changed(workspace.out / f"{stage.name}.stamp", mark)
     path = workspace.out / "rules.mk"
     drives = {stage.name: workspace.drives_of(stage) for stage in pipeline.stages if stage.is_of_dataset}
     write_if_changed(path, rules(pipeline, workspace.segments, drives))

@@ -210,8 +210,21 @@ class Workspace:
             if stage.is_of_dataset
             else self._fingerprint(segment).digest
         )
-        raw = {"raw": self._adapter() | {"content": content}}
-        return to_json(self._makers(stage, settings) | raw | {"inputs": made_from})
+        made = self._makers(stage, settings) | {"raw": self._adapter() | {"content": content}}
+        if digest := self.files_digest(stage, segment, settings):
+            made |= {"files": {"content": digest}}
+        return to_json(made | {"inputs": made_from})
+
+    def files_digest(self, stage: AnyStage, segment: str, settings: Config | None = None) -> str:
+        """Return a digest of the files that a stage's settings name for a drive; empty where they name none."""
+        values = self.settings(stage) if settings is None else settings
+        files = values.files(segment)
+        if not files:
+            return ""
+        cache_path = self.out / stage.name / f"{segment}.seen"
+        found = fingerprint(files, cache_path)
+        write_if_changed(cache_path, found.cached)
+        return found.digest
 
     def drives_of(self, stage: AnyStage, settings: Config | None = None) -> tuple[str, ...]:
         """Return the drives that the one shard of a stage of the whole dataset is made from."""

@@ -99,7 +99,7 @@ def nearest(queries: PointSets, others: PointSets) -> Tensor:
     far = torch.where(others.is_point, 0.0, FAR)
     step = max(1, BLOCK_PAIRS // (others.xyz_m.shape[1] * len(queries.size)))
     found = []
-    for part_m in queries.xyz_m.split(step, dim=1):
+    for part_m in torch.split(queries.xyz_m, step, dim=1):
         # Not by a matrix product, which loses the centimetres of clouds that reach far.
         squared_m2 = far[:, None, :].expand(-1, part_m.shape[1], -1)
         for axis in range(3):

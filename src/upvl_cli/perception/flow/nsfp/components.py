@@ -30,9 +30,7 @@ class FlowComponent(NamedTuple):
     start_m: Floats
 
 
-def static_points(
-    source_m: Floats, target_m: Floats, config: NsfpPlusPlusConfig
-) -> tuple[Bools, Bools]:
+def static_points(source_m: Floats, target_m: Floats, config: NsfpPlusPlusConfig) -> tuple[Bools, Bools]:
     """Return which points of a sweep, and which of the other one, are judged static.
 
     Args:
@@ -102,9 +100,7 @@ def connected_components(
 
 
 def _cluster(points_m: Floats, config: FlowComponentsConfig) -> Ints:
-    return dbscan_voxels(
-        points_m, eps_m=config.eps_m, min_points=config.min_points, voxel_m=config.voxel_m
-    )
+    return dbscan_voxels(points_m, eps_m=config.eps_m, min_points=config.min_points, voxel_m=config.voxel_m)
 
 
 def _in_expanded_box(

@@ -35,7 +35,10 @@ class FlowOptimizerConfig(Config):
         "improvement of the loss that counts for `patience`", "m^2", ge=0, le=100
     )
     max_distance_m: float = setting(
-        "distance from which a point's nearest-neighbour term of the Chamfer distance is constant", "m", gt=0, le=100
+        "distance from which a point's nearest-neighbour term of the Chamfer distance is constant",
+        "m",
+        gt=0,
+        le=100,
     )
     backward: bool = setting(
         "true: a second network takes the moved points back to where they were; false: the forward network alone"
@@ -99,7 +102,9 @@ class BoxQueryConfig(Config):
     """Which points of the other sweep a component may correspond to."""
 
     max_speed_mps: float = setting(
-        "fastest motion: the bird's-eye box of a component grows by this times the interval at each end", "m/s", gt=0,
+        "fastest motion: the bird's-eye box of a component grows by this times the interval at each end",
+        "m/s",
+        gt=0,
         le=80,
     )
     short_side: Literal["equal", "proportional"] = setting(
@@ -128,6 +133,12 @@ class FlowConsistencyConfig(Config):
         ge=0,
         le=1000,
     )
+    radius_m: float = setting(
+        "pairs of points farther apart do not count: what turns, or swings its arms, moves alike only locally",
+        "m",
+        gt=0,
+        le=1000,
+    )
     points: int = setting(
         "points of a component that all its points are compared with; all pairs would grow with the square",
         ge=1,
@@ -141,9 +152,12 @@ class NsfpPlusPlusConfig(Config):
 
     device: Literal["cpu", "cuda"] = setting("what computes", effects=_DEVICES)
     max_points: int = setting(
-        "points of a component, in each sweep, that are optimised at most; its network then gives the flow of all",
+        "points of a component that are optimised at most; its network then gives the flow of all",
         ge=2,
         le=10**6,
+    )
+    max_target_points: int = setting(
+        "points of the other sweep that a component is compared with at most", ge=2, le=10**6
     )
     max_batch: int = setting(
         "components that are optimised as one batch at most, which bounds the memory", ge=1, le=10**5

@@ -59,6 +59,7 @@ def evaluate_network(objective: FlowObjective, parameters: torch.Tensor, xyz_m: 
     """
     values = torch.from_numpy(np.asarray(xyz_m, np.float32)).to(parameters.device)
     parts = [
-        apply_networks(objective.network, parameters, part[None])[0] for part in values.split(BLOCK_POINTS)
+        apply_networks(objective.network, parameters, part[None])[0]
+        for part in torch.split(values, BLOCK_POINTS)
     ]
     return torch.cat(parts).double().cpu().numpy()

@@ -63,8 +63,8 @@ def fit_components(
         local_m.append(points_m - center_m)
         near_m.append(component.target_m - center_m - component.start_m)
     source, target = (
-        PointSets.of([spread_sample(points, config.max_points) for points in sets], config.device)
-        for sets in (local_m, near_m)
+        PointSets.of([spread_sample(points, max_points) for points in sets], config.device)
+        for sets, max_points in ((local_m, config.max_points), (near_m, config.max_target_points))
     )
     objective = FlowObjective(config.network, config.optimizer, config.consistency, rest=True)
     parameters = fit_networks(source, target, objective).parameters

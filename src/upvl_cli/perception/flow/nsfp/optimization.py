@@ -55,23 +55,25 @@ class FlowObjective:
             returned = PointSets(moved.xyz_m - back_m, source.size)
             loss = loss + chamfer(returned, source, max_distance_m)
         if self.consistency is not None and self.consistency.weight:
-            loss = loss + self.consistency.weight * inconsistency(flow_m, source, self.consistency.points)
+            loss = loss + self.consistency.weight * inconsistency(flow_m, source, self.consistency)
         return loss
 
 
-def inconsistency(flow_m: Tensor, points: PointSets, sampled: int) -> Tensor:
-    """Return the (c,) mean distance between the flow of the points of each set and that of a sample of them.
+def inconsistency(flow_m: Tensor, points: PointSets, config: FlowConsistencyConfig) -> Tensor:
+    """Return the (c,) mean distance between the flow of points of each set and that of a sample of them.
 
     Args:
         flow_m: (c, p, 3) flow of each point.
         points: c sets of up to p points.
-        sampled: Points of the sample, spread evenly over the set.
+        config: The sample, which is spread evenly over the set, and which pairs count.
     """
-    step = torch.arange(sampled, device=points.size.device)
-    sample = step * points.size[:, None] // sampled  # (c, sampled)
-    anchor_m = flow_m.gather(1, sample[..., None].expand(-1, -1, 3))
-    squared_m2 = (flow_m[:, :, None] - anchor_m[:, None]).square().sum(-1)  # (c, p, sampled)
-    return points.mean(((squared_m2 + SMOOTH_M**2).sqrt() - SMOOTH_M).mean(2))
+    step = torch.arange(config.points, device=points.size.device)
+    sample = (step * points.size[:, None] // config.points)[..., None].expand(-1, -1, 3)  # (c, k, 3)
+    apart_m = (points.xyz_m[:, :, None] - points.xyz_m.gather(1, sample)[:, None]).square().sum(-1).sqrt()
+    counts = (apart_m <= config.radius_m) & points.is_point[..., None]  # (c, p, k)
+    squared_m2 = (flow_m[:, :, None] - flow_m.gather(1, sample)[:, None]).square().sum(-1)
+    distance_m = (squared_m2 + SMOOTH_M**2).sqrt() - SMOOTH_M
+    return (distance_m * counts).sum((1, 2)) / counts.sum((1, 2))
 
 
 class FittedNetworks(NamedTuple):
