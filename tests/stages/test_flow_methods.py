@@ -92,7 +92,7 @@ def test_files_need_a_folder() -> None:
     with pytest.raises(
         BadSetting, match=r'method = "file" needs the folder of the flow; set root in \[file\]'
     ):
-        list(flow.run(TinyInputs(TinyDrive()), with_file(Path(), root="")))
+        list(flow.run(TinyInputs(TinyDrive()), replace(CONFIG, method="file")))
 
 
 def test_a_stamp_has_the_values_of_the_method_alone(tmp_path: Path) -> None:

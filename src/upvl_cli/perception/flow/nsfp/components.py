@@ -21,11 +21,13 @@ class FlowComponent(NamedTuple):
 
     Attributes:
         point: (n,) its points, as indices into the sweep.
-        target_m: (m, 3) points of the other sweep.
+        near_m: (k, 3) points of the other sweep in its expanded box.
+        target_m: (m, 3) those of them that are left by pruning.
         start_m: (3,) displacement from which its optimisation starts.
     """
 
     point: Ints
+    near_m: Floats
     target_m: Floats
     start_m: Floats
 
@@ -92,10 +94,9 @@ def connected_components(
         if len(near_m) < config.query.min_points:
             continue
         start_m = _start(points_m, near_m, max_shift_m, config)
-        if config.query.prune:
-            near_m = _prune(points_m, near_m, start_m)
-        if len(near_m) >= config.query.min_points:
-            found.append(FlowComponent(point, near_m, start_m))
+        left_m = _prune(points_m, near_m, start_m) if config.query.prune else near_m
+        if len(left_m) >= config.query.min_points:
+            found.append(FlowComponent(point, near_m, left_m, start_m))
     return found
 
 

@@ -78,6 +78,6 @@ def _is_gain(points_m: Floats, component: FlowComponent, moved_m: Floats, min_ga
     """Whether a displacement brings a component nearer to the other sweep, by that share of its distance at rest."""
     if not min_gain:
         return True
-    tree = build_tree(component.target_m)
+    tree = build_tree(component.near_m)
     at_rest_m, after_m = (tree.query(points)[0].mean() for points in (points_m, points_m + moved_m))
     return bool(after_m <= (1 - min_gain) * at_rest_m)
