@@ -16,6 +16,7 @@ from upvl_cli.perception.flow.nsfp.components import connected_components, stati
 from upvl_cli.perception.flow.nsfp.config import NsfpPlusPlusConfig
 from upvl_cli.perception.flow.nsfp.nsfp import estimate_nsfp_flow
 from upvl_cli.perception.flow.nsfp.nsfp_plus_plus import estimate_nsfp_plus_plus_flow
+from upvl_cli.perception.flow.nsfp.torch_device import fixed_order_of_sums
 from upvl_cli.stages.flow import FlowConfig
 
 FLOW = load(FlowConfig, Path(__file__).parents[3] / "stages" / "flow.toml")
@@ -82,12 +83,24 @@ def test_next_to_nothing_stands_still(counts: tuple[int, int]) -> None:
     assert np.abs(found).max(initial=0) == 0
 
 
+def test_one_thread_while_any_pair_is_at_work() -> None:
+    before = torch.get_num_threads()
+    torch.set_num_threads(3)
+    with fixed_order_of_sums("cpu"):
+        with fixed_order_of_sums("cpu"):
+            assert torch.get_num_threads() == 1
+        assert torch.get_num_threads() == 1
+    assert torch.get_num_threads() == 3
+    torch.set_num_threads(before)
+
+
 def test_the_same_bytes_whatever_the_threads() -> None:
     source, target = car(0) + (12, 4, 0), car(1) + (12.6, 4, 0)
     before, found = torch.get_num_threads(), []
     for threads in (1, 3):
         torch.set_num_threads(threads)
         found.append(flow_mps(source, target).tobytes())
+        assert torch.get_num_threads() == threads
     torch.set_num_threads(before)
     assert found[0] == found[1]
 
@@ -183,7 +196,7 @@ class TestStart:
 def test_a_flow_that_explains_nothing_is_dropped() -> None:
     """What is elsewhere by chance: no motion takes the one to the other."""
     rng = np.random.default_rng(0)
-    source, target = rng.uniform(0, 2, (60, 3)), rng.uniform(0, 2, (60, 3))
+    source, target = rng.uniform(0, 1, (60, 3)), rng.uniform(0, 1, (60, 3))
     static = replace(CONFIG.static, method="none")
     kept = flow_mps(source, target, replace(CONFIG, min_gain=0.0, static=static))
     dropped = flow_mps(source, target, replace(CONFIG, min_gain=0.9, static=static))
