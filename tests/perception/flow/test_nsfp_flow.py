@@ -131,6 +131,24 @@ class TestStatic:
             assert not found[:300].any()
             assert found[300:].mean() > 0.98
 
+    def test_they_are_in_no_component(self) -> None:
+        (found,) = components_of(self.SOURCE, self.TARGET)
+        assert set(found.point.tolist()) <= set(range(300))
+        everything = replace(CONFIG, static=replace(CONFIG.static, method="none"))
+        assert len(components_of(self.SOURCE, self.TARGET, everything)) == 2
+
+    def test_nor_among_the_candidates_unless_asked(self) -> None:
+        beside = self.TARGET + np.where(np.arange(len(self.TARGET)) < 300, 0, 1)[:, None] * (0, -14, 0)
+        source = self.SOURCE + np.where(np.arange(len(self.SOURCE)) < 300, 0, 1)[:, None] * (0, -14, 0)
+        for target in (True, False):
+            config = replace(
+                CONFIG,
+                static=replace(CONFIG.static, target=target),
+                query=replace(CONFIG.query, prune=False),
+            )
+            (found,) = components_of(source, beside, config)
+            assert (len(found.target_m) > 300) != target
+
 
 class TestQuery:
     """Which points of the other sweep a component may correspond to."""
