@@ -1,12 +1,12 @@
 """Scene flow of one real pair of sweeps: errors, time and memory of the shipped settings.
 
-    python bench/flow.py [--pair ../shared/data/flow_pair_a/pair.npz]
+    python bench/flow.py [--pair ../shared/data/flow_pair_a/pair.npz] [--slow]
 
 Prints a row for no motion at all, one for a plain reference in the same run (scikit-learn's DBSCAN of radius
 1 m over the 0.2 m voxels of both sweeps, rigid ICP a cluster from zero and from the shift of its centre, kept
-where the distance to the other sweep drops by a fifth), and one for `flow`; each in a process of its
-own. Machines are noisy: compare the ratio of CPU seconds. Exits 1 where `flow` is worse than the reference in
-three-way EPE by more than a millimetre.
+where the distance to the other sweep drops by a fifth), and one for `flow`; with --slow also one for each of its
+methods `nsfp++` and `nsfp`; each in a process of its own. Machines are noisy: compare the ratio of CPU seconds.
+Exits 1 where `flow` is worse than the reference in three-way EPE by more than a millimetre.
 
 A pair is an npz of `pc0` (n, 3) and `pc1` (m, 3) in one set of axes without ego motion and without ground,
 `dt` (s), `gt_flow` (n, 3) in metres an interval, `gt_flow_total` (with ego motion), `classes` (0 is
@@ -90,7 +90,30 @@ def shipped(source_m: np.ndarray, target_m: np.ndarray, dt_s: float) -> np.ndarr
     return estimate_rigid_flow(source_m, target_m, dt_s, config) * dt_s
 
 
-METHODS: dict[str, Method] = {"no motion": no_motion, "plain reference": plain, "flow": shipped}
+def nsfp_plus_plus(source_m: np.ndarray, target_m: np.ndarray, dt_s: float) -> np.ndarray:
+    """Run NSFP++ with the values of `stages/flow.toml`."""
+    from upvl_cli.perception.flow.nsfp.nsfp_plus_plus import estimate_nsfp_plus_plus_flow
+
+    config = load(FlowConfig, ROOT / "stages" / "flow.toml").nsfp_pp
+    return estimate_nsfp_plus_plus_flow(source_m, target_m, dt_s, config) * dt_s
+
+
+def nsfp(source_m: np.ndarray, target_m: np.ndarray, dt_s: float) -> np.ndarray:
+    """Run NSFP with the values of `stages/flow.toml`."""
+    from upvl_cli.perception.flow.nsfp.nsfp import estimate_nsfp_flow
+
+    config = load(FlowConfig, ROOT / "stages" / "flow.toml").nsfp
+    return estimate_nsfp_flow(source_m, target_m, dt_s, config) * dt_s
+
+
+METHODS: dict[str, Method] = {
+    "no motion": no_motion,
+    "plain reference": plain,
+    "flow": shipped,
+    "nsfp++": nsfp_plus_plus,
+    "nsfp": nsfp,
+}
+SLOW = ("nsfp++", "nsfp")  # run with --slow, and once
 
 
 def measured(name: str, path: Path) -> Measured:
@@ -99,7 +122,7 @@ def measured(name: str, path: Path) -> Measured:
     keep0, keep1 = ~pair["is_ground"], ~pair["is_ground1"] if "is_ground1" in pair else slice(None)
     source_m, target_m = pair["pc0"][keep0].astype(np.float64), pair["pc1"][keep1].astype(np.float64)
     seconds = []
-    for _ in range(RUNS):
+    for _ in range(1 if name in SLOW else RUNS):
         started, cpu = time.perf_counter(), time.process_time()
         found_m = METHODS[name](source_m, target_m, float(pair["dt"]))
         seconds.append((time.perf_counter() - started, time.process_time() - cpu))
@@ -123,13 +146,15 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--pair", type=Path, default=PAIR, help="an npz as described above")
-    path = parser.parse_args().pair
+    parser.add_argument("--slow", action="store_true", help="measure the networks too: minutes")
+    options = parser.parse_args()
+    path = options.pair
     rows = {}
     print(
         f"{'method':16} {'3-way EPE m':>11} {'dynamic':>8} {'relaxed':>8} {'dyn IoU':>8} {'false':>7}", end=""
     )
     print(f" {'wall s':>7} {'cpu s':>7} {'peak MiB':>9}")
-    for name in METHODS:
+    for name in [name for name in METHODS if options.slow or name not in SLOW]:
         with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as alone:
             rows[name] = row = alone.submit(measured, name, path).result()
         errors = row.errors
@@ -144,6 +169,12 @@ def main() -> None:
         f"{ours.errors.three_way_epe_m / reference.errors.three_way_epe_m:.2f} x its three-way EPE and "
         f"{ours.errors.dynamic_epe_m / reference.errors.dynamic_epe_m:.2f} x its dynamic EPE"
     )
+    if options.slow:
+        local, base = rows["nsfp++"], rows["nsfp"]
+        print(
+            f"nsfp takes {base.cpu_s / local.cpu_s:.1f} x the CPU time of nsfp++, with "
+            f"{base.errors.three_way_epe_m / local.errors.three_way_epe_m:.2f} x its three-way EPE"
+        )
     sys.exit(ours.errors.three_way_epe_m > reference.errors.three_way_epe_m + WORSE_M)
 
 

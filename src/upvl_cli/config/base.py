@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, asdict, dataclass, field, fields
+from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 
@@ -19,6 +20,14 @@ class Config:
     def values(self) -> dict[str, Any]:
         """Return all values as plain numbers, texts, lists and nested dicts, for a stamp."""
         return asdict(self)
+
+    def files(self, segment: str) -> tuple[Path, ...]:
+        """Return the files beside the drive's own that a stage with these settings reads: their content is stamped.
+
+        Args:
+            segment: Name of the drive.
+        """
+        return ()
 
 
 def setting(

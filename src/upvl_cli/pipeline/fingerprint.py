@@ -11,6 +11,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from upvl_cli.errors import BadInput
+from upvl_cli.runtime.atomic import write_if_changed
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,21 @@ def fingerprint(files: Sequence[Path], cache_path: Path) -> Fingerprint:
     except OSError as error:
         raise BadInput(f"{error.filename} cannot be read: {error.strerror}; was the drive moved?") from error
     return Fingerprint(digest, json.dumps({"state": state, "digest": digest}, sort_keys=True))
+
+
+def kept_digest(files: Sequence[Path], cache_path: Path) -> str:
+    """Return the digest of the content of files, and keep it for the next call.
+
+    Args:
+        files: The files.
+        cache_path: File of the digest and state of the last call; written where they have changed.
+
+    Raises:
+        BadInput: A file is gone or cannot be read.
+    """
+    found = fingerprint(files, cache_path)
+    write_if_changed(cache_path, found.cached)
+    return found.digest
 
 
 def _state(path: Path) -> tuple[str, int, int, int]:

@@ -22,6 +22,9 @@ def write_rules(workspace: Workspace) -> Path:
     pipeline = workspace.pipeline
     for stage in pipeline.stages:
         write_if_changed(workspace.out / f"{stage.name}.stamp", workspace.stage_stamp(stage))
+        if stage.has_files:
+            digests = [workspace.files_digest(stage, segment) for segment in workspace.segments]
+            write_if_changed(workspace.out / f"{stage.name}.files", "\n".join(digests))
     path = workspace.out / "rules.mk"
     drives = {stage.name: workspace.drives_of(stage) for stage in pipeline.stages if stage.is_of_dataset}
     write_if_changed(path, rules(pipeline, workspace.segments, drives))
@@ -70,6 +73,8 @@ def _rule(stage: AnyStage, drives: Mapping[str, Sequence[str]]) -> list[str]:
         )
 
     made_from = " ".join([f"$(OUT)/{stage.name}.stamp", *map(source, stage.reads)])
+    if stage.has_files:
+        made_from += f" $(OUT)/{stage.name}.files"
     if set(stage.reads) <= set(NOT_MADE) and not stage.is_of_dataset:
         made_from += " | $(OUT)/check/%.ok"  # the order alone: what was found does not make a shard stale
     if stage.is_of_dataset:

@@ -6,6 +6,12 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+# What a digest of files stands for.
+_CONTENTS = {
+    "raw.content": "the drive's files have changed",
+    "files.content": "the files that the settings name have changed",
+}
+
 
 def to_json(stamp: Mapping[str, Any]) -> str:
     """Return the stamp as JSON, the same text for equal values."""
@@ -16,10 +22,9 @@ def difference(old: str, new: str) -> str:
     """Return in words which values differ between two stamps; remade inputs are named only where no value differs."""
     before, after = _flat(old), _flat(new)
     names = [name for name in sorted(before | after) if before.get(name) != after.get(name)]
-    values = [name for name in names if name != "raw.content" and not name.startswith("inputs.")]
+    values = [name for name in names if name not in _CONTENTS and not name.startswith("inputs.")]
     changes = [f"{name} {before.get(name, 'none')} -> {after.get(name, 'none')}" for name in values]
-    if "raw.content" in names:
-        changes.append("the drive's files have changed")
+    changes += [change for name, change in _CONTENTS.items() if name in names]
     return ", ".join(changes or [f"{name.removeprefix('inputs.')} was made anew" for name in names])
 
 

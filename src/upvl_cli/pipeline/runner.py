@@ -164,7 +164,7 @@ def _fresh(workspace: Workspace, stage: AnyStage, segment: str) -> Made:
 def _not_older(path: Path, workspace: Workspace, stage: AnyStage, segment: str) -> None:
     """Give a fresh shard a time that make, which knows times only, takes for fresh, whatever the clocks say."""
     sources = [source for _, source in workspace.sources(stage, segment)]
-    sources.append(workspace.out / f"{stage.name}.stamp")
+    sources += [workspace.out / f"{stage.name}.{kind}" for kind in ("stamp", "files")]
     newest_ns = max(source.stat().st_mtime_ns for source in sources if source.exists())
     if path.stat().st_mtime_ns < newest_ns:
         os.utime(path, ns=(newest_ns, newest_ns))

@@ -204,6 +204,11 @@ class Stage(Generic[C, R]):
         return self.scope == "dataset"
 
     @property
+    def has_files(self) -> bool:
+        """Whether its settings can name files beside those of the drive."""
+        return self.config.files is not Config.files
+
+    @property
     def summary(self) -> str:
         """What the stage does: the first line of the docstring of `run`."""
         return (self.run.__doc__ or "").strip().splitlines()[0]

@@ -17,7 +17,7 @@ from upvl_cli.config.base import Config, setting, table
 from upvl_cli.config.corrections import CorrectionsConfig
 from upvl_cli.config.toml import load, merge, read_toml
 from upvl_cli.errors import BadInput, BadSetting
-from upvl_cli.pipeline.fingerprint import Fingerprint, fingerprint
+from upvl_cli.pipeline.fingerprint import Fingerprint, fingerprint, kept_digest
 from upvl_cli.pipeline.pipeline import AnyStage, Pipeline
 from upvl_cli.pipeline.provenance import to_json
 from upvl_cli.pipeline.stage import NOT_MADE, WHOLE_DATASET, C, R, Stage
@@ -210,8 +210,15 @@ class Workspace:
             if stage.is_of_dataset
             else self._fingerprint(segment).digest
         )
-        raw = {"raw": self._adapter() | {"content": content}}
-        return to_json(self._makers(stage, settings) | raw | {"inputs": made_from})
+        made = self._makers(stage, settings) | {"raw": self._adapter() | {"content": content}}
+        if digest := self.files_digest(stage, segment, settings):
+            made |= {"files": {"content": digest}}
+        return to_json(made | {"inputs": made_from})
+
+    def files_digest(self, stage: AnyStage, segment: str, settings: Config | None = None) -> str:
+        """Return a digest of the files that a stage's settings name for a drive; empty where they name none."""
+        files = (settings or self.settings(stage)).files(segment)
+        return kept_digest(files, self.out / stage.name / f"{segment}.seen") if files else ""
 
     def drives_of(self, stage: AnyStage, settings: Config | None = None) -> tuple[str, ...]:
         """Return the drives that the one shard of a stage of the whole dataset is made from."""
@@ -263,12 +270,10 @@ class Workspace:
     def model_stamp(self) -> dict[str, Any]:
         """The vision-language model as stamps have it."""
         adapter, weights = self.pipeline.model(self.vlm.model)
-        cache_path = self.out / "vlm.seen"
-        found = fingerprint(adapter.files(weights), cache_path)
-        write_if_changed(cache_path, found.cached)
+        digest = kept_digest(adapter.files(weights), self.out / "vlm.seen")
         # The value names a place on this disk; what the model is, its content says.
         model = self.vlm.model.partition(":")[0]
-        return {"model": model, "version": adapter.version, "content": found.digest}
+        return {"model": model, "version": adapter.version, "content": digest}
 
     def mark_model(self) -> None:
         """Write `out/vlm.stamp`, which make compares, where the model is another one."""
