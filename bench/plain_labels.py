@@ -38,11 +38,11 @@ SIZE_PERCENTILE = 90.0
 
 
 class Cluster(NamedTuple):
-    """What stands apart in one sweep, in world axes but for `foot_m`."""
+    """What stands apart in one sweep, in world axes but for `ground_m`."""
 
     xyz_m: np.ndarray
     velocity_mps: np.ndarray
-    foot_m: float
+    ground_m: float
 
 
 @dataclass
@@ -72,10 +72,10 @@ def labels(
         for frame, pose in zip(drive.frames, world_from_ego, strict=True)
     ]
     clusters = []
-    for place, (xyz, foot) in enumerate(sweeps):
+    for place, (xyz, beneath) in enumerate(sweeps):
         other = place + 1 if place + 1 < len(sweeps) else place - 1
         dt = time_s[other] - time_s[place] if len(sweeps) > 1 else 1.0
-        clusters.append(_clusters(xyz, foot, sweeps[other][0] if len(sweeps) > 1 else xyz, dt))
+        clusters.append(_clusters(xyz, beneath, sweeps[other][0] if len(sweeps) > 1 else xyz, dt))
     tracks = [track for track in _tracks(clusters, time_s) if len(track.seen) >= LEAST_FRAMES]
     found: dict[str, dict[int, list[tuple[Any, ...]]]] = {
         mode: {frame.index: [] for frame in drive.frames} for mode in ("moving", "all")
@@ -108,10 +108,10 @@ def _standing(
     above = xyz[~ground]
     # The floor is the lowest of the ground around: what a kerb adds is no object.
     _, nearest = cKDTree(floor[:, :2]).query(above[:, :2], k=min(4, len(floor)))
-    foot = np.sort(floor[nearest.reshape(len(above), -1), 2], axis=1)[:, 0]
-    height = above[:, 2] - foot
+    beneath = np.sort(floor[nearest.reshape(len(above), -1), 2], axis=1)[:, 0]
+    height = above[:, 2] - beneath
     kept = (height > LOWEST_M) & (height < HIGHEST_M)
-    lifted = np.column_stack([above[kept, :2], foot[kept]])
+    lifted = np.column_stack([above[kept, :2], beneath[kept]])
     return apply(pose, above[kept]), apply(pose, lifted)[:, 2]
 
 
@@ -146,7 +146,7 @@ def _voxels(xyz: np.ndarray, size_m: float) -> np.ndarray:
     return np.column_stack([np.bincount(owner, weights=xyz[:, axis]) / count for axis in range(3)])
 
 
-def _clusters(xyz: np.ndarray, foot: np.ndarray, following: np.ndarray, dt: float) -> list[Cluster]:
+def _clusters(xyz: np.ndarray, beneath: np.ndarray, following: np.ndarray, dt: float) -> list[Cluster]:
     if not len(xyz):
         return []
     keys, owner = np.unique(np.floor(xyz / VOXEL_M).astype(np.int64), axis=0, return_inverse=True)
@@ -161,7 +161,7 @@ def _clusters(xyz: np.ndarray, foot: np.ndarray, following: np.ndarray, dt: floa
         if len(mine) < MIN_POINTS or size.max() > 25 or size[2] < 0.3:
             continue
         velocity = _icp(xyz[mine], tree, dt) if tree is not None else np.zeros(3)
-        found.append(Cluster(xyz[mine], velocity, float(np.median(foot[mine]))))
+        found.append(Cluster(xyz[mine], velocity, float(np.median(beneath[mine]))))
     return found
 
 
@@ -271,7 +271,7 @@ def _boxes(
         seen.append(_extent(xyz, heading))
     low, high = (np.array([box[side] for box in seen]) for side in (0, 1))
     size = np.percentile(high - low, SIZE_PERCENTILE, axis=0)
-    feet = np.array([track.seen[place].foot_m for place in places])
+    feet = np.array([track.seen[place].ground_m for place in places])
     height = max(float(np.percentile(high[:, 2] - feet, SIZE_PERCENTILE)), 0.3)
     score = _score(track, size, moves)
     rows = []

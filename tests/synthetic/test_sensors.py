@@ -13,13 +13,13 @@ import pytest
 
 from upvl_cli.geometry.se3 import apply
 from upvl_cli.synthetic.cast import Caster
-from upvl_cli.synthetic.config import CityConfig
+from upvl_cli.synthetic.config import SENSOR_EFFECTS, CityConfig, SensorName
 from upvl_cli.synthetic.dataset import City
 from upvl_cli.synthetic.drive import CityDrive
 from upvl_cli.synthetic.labels import CityLabels
 from upvl_cli.synthetic.lidar import rays_at
 from upvl_cli.synthetic.lidar import sweep as measured
-from upvl_cli.synthetic.sensors import SENSOR_EFFECTS, SENSORS, SensorName
+from upvl_cli.synthetic.sensors import SENSORS
 from upvl_cli.types import Array, Floats, Points
 
 SHIPPED = CityConfig(**tomllib.loads((Path(__file__).parents[2] / "stages" / "synthetic.toml").read_text()))

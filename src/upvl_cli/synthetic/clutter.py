@@ -70,16 +70,16 @@ def _on(road: Road, land: Stretch, rng: np.random.Generator) -> list[Piece]:
 def _bank(road: Road, land: Stretch, rng: np.random.Generator) -> list[Piece]:
     """Ground that rises behind the pavement, above a low wall where it is a cut, with growth on it."""
     height, slope = rng.uniform(0.5, 2.8), rng.uniform(0.35, 1.1)
-    foot, pieces, wall = road.front_m + rng.uniform(0.15, 1.2), [], 0.0
+    start, pieces, wall = road.front_m + rng.uniform(0.15, 1.2), [], 0.0
     if land.use == "cut":
         wall = rng.uniform(0.4, 1.2)
-        pieces.append(_retaining_wall(road, land, foot, wall, rng))
-        foot += 0.25
+        pieces.append(_retaining_wall(road, land, start, wall, rng))
+        start += 0.25
     run = height / slope
     ends = min(4.0, (land.last_m - land.first_m) / 3)
     s = np.arange(land.first_m, land.last_m + _STEP_M / 2, _STEP_M)
-    d = foot + np.concatenate([[0.0], np.linspace(0, run, max(int(run / 0.6), 3)), [run + 5.0, run + 9.0]])
-    rise = wall + height * np.clip((d - foot) / run, 0, 1)
+    d = start + np.concatenate([[0.0], np.linspace(0, run, max(int(run / 0.6), 3)), [run + 5.0, run + 9.0]])
+    rise = wall + height * np.clip((d - start) / run, 0, 1)
     rise[0], rise[-1] = -0.3, -0.3  # below the ground on both sides
     fade = np.clip(np.minimum(s - land.first_m, land.last_m - s) / ends, 0.0, 1.0)
     up = np.where(rise > 0, rise * fade[:, None], rise) + rng.normal(0, 0.03, (len(s), len(d))) * (rise > 0)
@@ -97,13 +97,13 @@ def _bank(road: Road, land: Stretch, rng: np.random.Generator) -> list[Piece]:
 
 
 def _retaining_wall(
-    road: Road, land: Stretch, foot_m: float, height_m: float, rng: np.random.Generator
+    road: Road, land: Stretch, start_m: float, height_m: float, rng: np.random.Generator
 ) -> Piece:
     surface = tinted((BRICK, CONCRETE, CONCRETE)[rng.integers(3)], rng, 16)
     parts = _along(
         road,
         land,
-        foot_m,
+        start_m,
         2.4,
         lambda length: mesh.box((length, 0.3, height_m + 0.5), (0, 0, height_m / 2 - 0.25), surface),
     )

@@ -2,12 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Literal
 
 from upvl_cli.config.base import Config, setting
-from upvl_cli.synthetic.sensors import SENSOR_EFFECTS, SensorName
 
 SPLITS = ("train", "val", "test")
+SensorName = Literal[
+    "waymo", "kitti", "twin32", "hdl32_20hz", "hdl32_2hz", "beams40", "beams16", "lyft_5hz", "solid_state"
+]
+# What they are made of: synthetic/sensors.py.
+SENSOR_EFFECTS: Mapping[str, str] = MappingProxyType(
+    {
+        "waymo": "64 beams on the roof and four LiDARs of short range, 10 Hz",
+        "kitti": "64 beams 1.73 m high, 10 Hz",
+        "twin32": "two stacked LiDARs of 32 uneven beams, one upside down, 10 Hz, as on the Argoverse 2 cars",
+        "hdl32_20hz": "32 beams, 20 Hz, as on the nuScenes cars",
+        "hdl32_2hz": "the same with two sweeps a second, as nuScenes' key frames",
+        "beams40": "40 uneven beams, 10 Hz",
+        "beams16": "16 beams, 10 Hz",
+        "lyft_5hz": "64 beams, five sweeps a second, no intensity, as in Lyft Level 5",
+        "solid_state": "a field of 120 by 25 degrees ahead, drawn line after line, 10 Hz",
+    }
+)
 
 
 @dataclass(frozen=True)

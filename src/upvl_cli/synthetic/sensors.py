@@ -14,12 +14,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from upvl_cli.synthetic.config import SensorName
 from upvl_cli.synthetic.mesh import Triple
 from upvl_cli.types import Floats
 
-SensorName = Literal[
-    "waymo", "kitti", "twin32", "hdl32_20hz", "hdl32_2hz", "beams40", "beams16", "lyft_5hz", "solid_state"
-]
 ScanOrder = Literal["columns", "rows", "flash"]
 
 
@@ -211,18 +209,5 @@ SENSORS: Mapping[SensorName, SensorPreset] = MappingProxyType(
         "beams16": _BEAMS16,
         "lyft_5hz": _LYFT_5HZ,
         "solid_state": _SOLID_STATE,
-    }
-)
-SENSOR_EFFECTS: Mapping[str, str] = MappingProxyType(
-    {
-        "waymo": "64 beams on the roof and four LiDARs of short range, 10 Hz",
-        "kitti": "64 beams 1.73 m high, 10 Hz",
-        "twin32": "two stacked LiDARs of 32 uneven beams, one upside down, 10 Hz, as on the Argoverse 2 cars",
-        "hdl32_20hz": "32 beams, 20 Hz, as on the nuScenes cars",
-        "hdl32_2hz": "the same with two sweeps a second, as nuScenes' key frames",
-        "beams40": "40 uneven beams, 10 Hz",
-        "beams16": "16 beams, 10 Hz",
-        "lyft_5hz": "64 beams, five sweeps a second, no intensity, as in Lyft Level 5",
-        "solid_state": "a field of 120 by 25 degrees ahead, drawn line after line, 10 Hz",
     }
 )
