@@ -63,6 +63,9 @@ def amodal_row(frame: int, boxes: Boxes, track_id: list[int], **values: Any) -> 
         "score": np.linspace(0.9, 0.5, total),
         "background_share": np.zeros(total),
         "num_frames_seen": np.full(total, 3, np.int32),
+        "objectness": np.full(total, 0.5),
+        "sides_seen": np.full(total, 2, np.int8),
+        "residual_m": np.full(total, 0.05),
     }
     return AmodalRow(
         SEGMENT,

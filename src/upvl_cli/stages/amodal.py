@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from upvl_cli.config.base import setting, table
 from upvl_cli.perception.amodal.config import AmodalFitConfig
+from upvl_cli.perception.labels.config import BoxScoreConfig
 from upvl_cli.perception.objectness.config import ObjectnessConfig
 from upvl_cli.pipeline.stage import Stage
 from upvl_cli.stages.rows import AmodalRow, MaskRow, OdometryRow, ProposalRow, TrackRow
@@ -41,6 +42,7 @@ class AmodalConfig(AmodalFitConfig):
         ge=2,
         le=10**6,
     )
+    score: BoxScoreConfig = table("confidence of a label")
     objectness: ObjectnessConfig = table("what a track's likeness to road users is measured on")
 
 
@@ -59,7 +61,7 @@ def run(inputs: Inputs, config: AmodalConfig) -> Iterator[AmodalRow]:
             for sighting, row in zip(fitted.part.sightings, fitted.rows, strict=True):
                 sighting.frame.fitted[sighting.row] = np.append(row, extra)
         while pending and len(pending[0].fitted) == pending[0].expected:
-            yield _row(inputs, pending.popleft(), totals)
+            yield _row(inputs, pending.popleft(), totals, config)
 
 
 @dataclass(frozen=True)
@@ -199,12 +201,13 @@ def fit_part(part: TrackPart, config: AmodalConfig) -> FittedPart:
     return FittedPart(part, fit.boxes.to_rows(), features, fit.sides_seen, fit.residual_m)
 
 
-def _row(inputs: Inputs, frame: PendingFrame, totals: TrackTotals) -> AmodalRow:
+def _row(inputs: Inputs, frame: PendingFrame, totals: TrackTotals, config: AmodalConfig) -> AmodalRow:
     """Return the boxes of a frame of which every track is fitted."""
     import numpy as np
 
     from upvl_cli.geometry.boxes import transform
     from upvl_cli.geometry.se3 import inverse
+    from upvl_cli.perception.labels.suppression import box_score
     from upvl_cli.types import Boxes
 
     tracks, kept = frame.tracks, np.array(sorted(frame.fitted), dtype=np.int64)
@@ -222,7 +225,7 @@ def _row(inputs: Inputs, frame: PendingFrame, totals: TrackTotals) -> AmodalRow:
         boxes.heading_rad,
         tracks.velocity_mps[kept],
         num_points,
-        values[:, 7] * (1.0 - share),
+        box_score(values[:, 7], num_points, share, config.score),
         track_id,
         share,
         totals.num_frames_seen[track_id],

@@ -92,9 +92,9 @@ def sightings_of(
         for box, ring_points in zip(np.flatnonzero(wanted).tolist(), around.tolist(), strict=True):
             proposal = int(row.proposal[box])  # a coasting box has -1: no points
             own = slice(end[proposal - 1] if proposal else 0, end[proposal]) if proposal >= 0 else slice(0)
-            found.append(
-                Sighting(frame, box, xyz_m[own], height_m[own], box_rows[box], velocity_mps[box], ring_points)
-            )
+            # Copies: a view would hold the points of all boxes of the frame for as long as this track lasts.
+            seen = xyz_m[own].copy(), height_m[own].copy()
+            found.append(Sighting(frame, box, *seen, box_rows[box], velocity_mps[box], ring_points))
         return frame, found
 
     return in_order(sightings, ((row, is_wanted(row)) for row in inputs.table("track", TrackRow)))

@@ -8,15 +8,10 @@ from upvl_cli.config.base import Config, setting
 
 
 @dataclass(frozen=True)
-class SupportScoreConfig(Config):
-    """Settings of `suppression.support_score`."""
+class BoxScoreConfig(Config):
+    """Settings of `suppression.box_score`."""
 
-    half_points: float = setting(
-        "number of points in a box at which the support by points is one half", gt=0, le=10**6
-    )
-    half_frames: float = setting(
-        "number of frames with points of a track at which the support by frames is one half", gt=0, le=10**6
-    )
+    half_points: float = setting("points of a box at which its support is one half", ge=0, le=10**6)
 
 
 @dataclass(frozen=True)

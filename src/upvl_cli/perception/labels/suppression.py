@@ -4,26 +4,24 @@ from __future__ import annotations
 
 import numpy as np
 
-from upvl_cli.perception.labels.config import SizeConfig, SupportScoreConfig
+from upvl_cli.perception.labels.config import BoxScoreConfig, SizeConfig
 from upvl_cli.types import Array, Bools, Boxes, Floats, Ints
 
 
-def support_score(
-    num_points: Ints, num_frames: Ints, background_share: Floats, config: SupportScoreConfig
-) -> Array:
-    """Return (n,) confidence from 0 to 1: the support of a box by points and frames, less its background.
+def box_score(objectness: Floats, num_points: Ints, background_share: Floats, config: BoxScoreConfig) -> Array:
+    """Return (n,) confidence from 0 to 1: the likeness of a track to road users, by the points of each of its boxes.
 
-    Neither UP-VL nor MI-UP states a score of auto labels; support is what is known without human labels. Each
-    of both parts saturates, x / (x + half), so that scores spread over the cut-offs of the metrics.
+    Neither UP-VL nor MI-UP states a score of auto labels. A box with few points may lie beside its object; one with
+    `half_points` counts half. What words call background counts less.
 
     Args:
+        objectness: (n,) probability that the track is a road user.
         num_points: (n,) points of the box in its own frame.
-        num_frames: (n,) frames in which its track was seen.
-        background_share: (n,) share of background among the points of its track.
-        config: Where each part is one half.
+        background_share: (n,) share of background among the points of its track; 0 without words.
+        config: Settings.
     """
-    support = num_points / (num_points + config.half_points) * num_frames / (num_frames + config.half_frames)
-    return np.asarray(support * (1.0 - background_share))
+    support = num_points / (num_points + config.half_points)
+    return np.asarray(objectness * support * (1.0 - background_share))
 
 
 def size_faults(boxes: Boxes, config: SizeConfig) -> dict[str, Bools]:
