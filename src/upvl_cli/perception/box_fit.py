@@ -51,8 +51,27 @@ def _to_edge(along_m: Floats) -> Floats:
 
 def trimmed_range(values: Floats, trim: float) -> tuple[float, float]:
     """Return the lowest and highest value without a share `trim` of the values at each end."""
-    low, high = np.quantile(values, (trim, 1.0 - trim))
-    return float(low), float(high)
+    ordered = np.sort(values)
+    return _quantile(ordered, trim), _quantile(ordered, 1.0 - trim)
+
+
+def _quantile(ordered: Floats, share: float) -> float:
+    """Return what np.quantile does, which takes far longer for the few points of an object."""
+    position = (len(ordered) - 1) * share
+    below = int(position)
+    past = position - below
+    low, high = float(ordered[below]), float(ordered[min(below + 1, len(ordered) - 1)])
+    return low + (high - low) * past if past < 0.5 else high - (high - low) * (1 - past)
+
+
+def median(values: Floats) -> float:
+    """Return what np.median does, in a fraction of its time for few values.
+
+    Args:
+        values: (n,) values, n > 0.
+    """
+    ordered, count = np.sort(values), len(values)
+    return float((ordered[(count - 1) // 2] + ordered[count // 2]) / 2)
 
 
 def tight_box(xyz_m: Floats, heading_rad: float, *, trim: float) -> Boxes:
