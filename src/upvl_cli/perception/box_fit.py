@@ -18,7 +18,10 @@ def to_heading_axes(xy_m: Floats, heading_rad: Floats | float) -> Array:
     """
     cos, sin = np.cos(heading_rad), np.sin(heading_rad)
     x, y = xy_m[..., 0], xy_m[..., 1]
-    return np.stack([x * cos + y * sin, y * cos - x * sin], axis=-1)
+    along = x * cos + y * sin
+    turned = np.empty((*along.shape, 2), dtype=along.dtype)
+    turned[..., 0], turned[..., 1] = along, y * cos - x * sin
+    return turned
 
 
 def rectangle_heading(xy_m: Floats, *, step_rad: float, floor_m: float) -> float:
@@ -74,6 +77,20 @@ def median(values: Floats) -> float:
     return float((ordered[(count - 1) // 2] + ordered[count // 2]) / 2)
 
 
+def tight_rectangle(xy_m: Floats, heading_rad: float, *, trim: float) -> tuple[Array, float, float]:
+    """Return the (2,) center, length and width of the tightest rectangle of that heading.
+
+    Args:
+        xy_m: (n, 2) points of one object from above, n > 0.
+        heading_rad: Heading of the length.
+        trim: Share of the points left out at each end of length and width (stray points).
+    """
+    along = to_heading_axes(xy_m, heading_rad)
+    (back, front), (right, left) = trimmed_range(along[:, 0], trim), trimmed_range(along[:, 1], trim)
+    center = to_heading_axes(np.array([(back + front) / 2, (right + left) / 2]), -heading_rad)
+    return center, front - back, left - right
+
+
 def tight_box(xyz_m: Floats, heading_rad: float, *, trim: float) -> Boxes:
     """Return one box, the tightest upright one of that heading, without a share `trim` of the points at each end.
 
@@ -82,12 +99,10 @@ def tight_box(xyz_m: Floats, heading_rad: float, *, trim: float) -> Boxes:
         heading_rad: Heading of the box.
         trim: Share of the points left out at each end of length and width (stray points).
     """
-    along = to_heading_axes(xyz_m[:, :2], heading_rad)
-    (back, front), (right, left) = trimmed_range(along[:, 0], trim), trimmed_range(along[:, 1], trim)
+    center, length_m, width_m = tight_rectangle(xyz_m[:, :2], heading_rad, trim=trim)
     low, high = float(xyz_m[:, 2].min()), float(xyz_m[:, 2].max())
-    center = to_heading_axes(np.array([(back + front) / 2, (right + left) / 2]), -heading_rad)
     return Boxes(
         np.array([[*center, (low + high) / 2]]),
-        np.array([[front - back, left - right, high - low]]),
+        np.array([[length_m, width_m, high - low]]),
         np.array([heading_rad]),
     )

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from upvl_cli.perception.box_fit import median, rectangle_heading, tight_box
+from upvl_cli.perception.box_fit import median, rectangle_heading, tight_rectangle
 from upvl_cli.perception.proposals.clusters import points_of_clusters
 from upvl_cli.perception.proposals.config import ProposalBoxConfig, ProposalConfig
 from upvl_cli.types import Array, Bools, Boxes, Floats, Ints
@@ -75,16 +75,15 @@ class ClusterFits:
 def _fit_box(xyz_m: Floats, height_m: Floats, velocity_mps: Floats, config: ProposalBoxConfig) -> Array:
     """Return (7,) one box, along the motion of the object or, where it stands still, along its shape."""
     is_body = height_m >= config.ground_clearance_m
-    if not is_body.any():
-        is_body = np.ones(len(xyz_m), dtype=np.bool_)
+    body_xy_m = xyz_m[is_body, :2] if is_body.any() else xyz_m[:, :2]
     if np.hypot(*velocity_mps[:2]) >= config.moving_mps:
         heading_rad = float(np.arctan2(velocity_mps[1], velocity_mps[0]))
     else:
         step_rad = float(np.deg2rad(config.heading_step_deg))
-        heading_rad = rectangle_heading(xyz_m[is_body, :2], step_rad=step_rad, floor_m=config.edge_floor_m)
-    box = tight_box(xyz_m[is_body], heading_rad, trim=config.trim)
-    low_m, high_m = xyz_m[:, 2].min(), xyz_m[:, 2].max()
+        heading_rad = rectangle_heading(body_xy_m, step_rad=step_rad, floor_m=config.edge_floor_m)
+    (x_m, y_m), length_m, width_m = tight_rectangle(body_xy_m, heading_rad, trim=config.trim)
+    z_m = xyz_m[:, 2]
+    low_m, high_m = z_m.min(), z_m.max()
     if height_m.min() < config.standing_height_m:
-        low_m = median(xyz_m[:, 2] - height_m)  # the ground below the object
-    (x_m, y_m, _), (length_m, width_m, _) = box.center_m[0], box.size_lwh_m[0]
-    return np.array([x_m, y_m, (low_m + high_m) / 2, length_m, width_m, high_m - low_m, box.heading_rad[0]])
+        low_m = median(z_m - height_m)  # the ground below the object
+    return np.array([x_m, y_m, (low_m + high_m) / 2, length_m, width_m, high_m - low_m, heading_rad])
