@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from upvl_cli.perception.box_fit import rectangle_heading, tight_box, to_heading_axes, trimmed_range
+from upvl_cli.perception.box_fit import median, rectangle_heading, tight_box, to_heading_axes, trimmed_range
 
 
 def corner(heading_rad: float, spacing_m: float = 0.1) -> np.ndarray:
@@ -86,3 +86,11 @@ def test_stray_points_stretch_no_length_and_no_width_but_height() -> None:
     box = tight_box(stray, 0.0, trim=0.01)
     np.testing.assert_allclose(box.size_lwh_m, [[1, 1, 5]], atol=0.03)
     np.testing.assert_allclose(box.center_m, [[0.5, 0.5, 2.5]], atol=0.03)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 6, 41, 200])
+def test_ranges_and_medians_are_those_of_numpy_to_the_bit(count: int) -> None:
+    values = np.random.default_rng(count).normal(size=count)
+    for trim in (0.0, 0.01, 0.1, 0.25):
+        assert trimmed_range(values, trim) == tuple(np.quantile(values, (trim, 1.0 - trim)))
+    assert median(values) == np.median(values)

@@ -18,7 +18,10 @@ def to_heading_axes(xy_m: Floats, heading_rad: Floats | float) -> Array:
     """
     cos, sin = np.cos(heading_rad), np.sin(heading_rad)
     x, y = xy_m[..., 0], xy_m[..., 1]
-    return np.stack([x * cos + y * sin, y * cos - x * sin], axis=-1)
+    along = x * cos + y * sin
+    turned = np.empty((*along.shape, 2), dtype=along.dtype)
+    turned[..., 0], turned[..., 1] = along, y * cos - x * sin
+    return turned
 
 
 def rectangle_heading(xy_m: Floats, *, step_rad: float, floor_m: float) -> float:
@@ -51,8 +54,41 @@ def _to_edge(along_m: Floats) -> Floats:
 
 def trimmed_range(values: Floats, trim: float) -> tuple[float, float]:
     """Return the lowest and highest value without a share `trim` of the values at each end."""
-    low, high = np.quantile(values, (trim, 1.0 - trim))
-    return float(low), float(high)
+    ordered = np.sort(values)
+    return _quantile(ordered, trim), _quantile(ordered, 1.0 - trim)
+
+
+def _quantile(ordered: Floats, share: float) -> float:
+    """Return what np.quantile does, which takes far longer for the few points of an object."""
+    position = (len(ordered) - 1) * share
+    below = int(position)
+    past = position - below
+    low, high = float(ordered[below]), float(ordered[min(below + 1, len(ordered) - 1)])
+    return low + (high - low) * past if past < 0.5 else high - (high - low) * (1 - past)
+
+
+def median(values: Floats) -> float:
+    """Return what np.median does, in a fraction of its time for few values.
+
+    Args:
+        values: (n,) values, n > 0.
+    """
+    ordered, count = np.sort(values), len(values)
+    return float((ordered[(count - 1) // 2] + ordered[count // 2]) / 2)
+
+
+def tight_rectangle(xy_m: Floats, heading_rad: float, *, trim: float) -> tuple[Array, float, float]:
+    """Return the (2,) center, length and width of the tightest rectangle of that heading.
+
+    Args:
+        xy_m: (n, 2) points of one object from above, n > 0.
+        heading_rad: Heading of the length.
+        trim: Share of the points left out at each end of length and width (stray points).
+    """
+    along = to_heading_axes(xy_m, heading_rad)
+    (back, front), (right, left) = trimmed_range(along[:, 0], trim), trimmed_range(along[:, 1], trim)
+    center = to_heading_axes(np.array([(back + front) / 2, (right + left) / 2]), -heading_rad)
+    return center, front - back, left - right
 
 
 def tight_box(xyz_m: Floats, heading_rad: float, *, trim: float) -> Boxes:
@@ -63,12 +99,10 @@ def tight_box(xyz_m: Floats, heading_rad: float, *, trim: float) -> Boxes:
         heading_rad: Heading of the box.
         trim: Share of the points left out at each end of length and width (stray points).
     """
-    along = to_heading_axes(xyz_m[:, :2], heading_rad)
-    (back, front), (right, left) = trimmed_range(along[:, 0], trim), trimmed_range(along[:, 1], trim)
+    center, length_m, width_m = tight_rectangle(xyz_m[:, :2], heading_rad, trim=trim)
     low, high = float(xyz_m[:, 2].min()), float(xyz_m[:, 2].max())
-    center = to_heading_axes(np.array([(back + front) / 2, (right + left) / 2]), -heading_rad)
     return Boxes(
         np.array([[*center, (low + high) / 2]]),
-        np.array([[front - back, left - right, high - low]]),
+        np.array([[length_m, width_m, high - low]]),
         np.array([heading_rad]),
     )

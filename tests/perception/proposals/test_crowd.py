@@ -8,9 +8,15 @@ import numpy as np
 import pytest
 from proposal_scene import CROWD, block
 
-from upvl_cli.perception.proposals.crowd import split_crowd
+from upvl_cli.perception.proposals.config import CrowdConfig
+from upvl_cli.perception.proposals.crowd import split_crowds
 
 PERSON = (0.4, 0.5, 1.7)
+
+
+def split_crowd(points: np.ndarray, config: CrowdConfig) -> np.ndarray:
+    """The persons of one cluster."""
+    return split_crowds(points, np.zeros(len(points), np.int64), config)
 
 
 def split(*objects: np.ndarray, **values: float) -> list[list[int]]:
@@ -84,3 +90,17 @@ def test_stray_points_join_the_nearest_person() -> None:
 def test_a_patch_that_is_no_person_takes_no_number() -> None:
     low = block(9, 0, (0.3, 0.3, 0.2), step_m=0.15)
     assert split(low, block(10, 0, PERSON), block(11, 0, PERSON)) == [[0], [0], [1]]
+
+
+def test_clusters_are_split_as_each_alone() -> None:
+    rng = np.random.default_rng(0)
+    clusters = [
+        np.concatenate([block(10, 0, PERSON, step_m=0.15) + [0.8 * k, 0, 0] for k in range(persons)])
+        + rng.normal(0, 0.02, 3)
+        for persons in (1, 3, 2, 4)
+    ]
+    clusters.insert(2, block(12, 0, (4.0, 1.8, 1.5), step_m=0.3))
+    number = np.repeat(np.arange(len(clusters)), [len(points) for points in clusters])
+    found = split_crowds(np.concatenate(clusters), number, CROWD)
+    assert [int(found[number == k].max()) + 1 for k in range(len(clusters))] == [1, 3, 1, 2, 4]
+    np.testing.assert_array_equal(found, np.concatenate([split_crowd(points, CROWD) for points in clusters]))

@@ -278,3 +278,83 @@ def test_an_object_seen_each_half_second_has_a_track() -> None:
     assert found.track_id.tolist() == [0] * 5
     pair = track(np.arange(2), boxes[:2], np.tile([10.0, 0, 0], (2, 1)), time_s, CONFIG)
     assert len(pair.track_id) == 2
+
+
+STANDING = replace(CONFIG, travel=replace(CONFIG.travel, required=False))
+
+
+def pieces(frames: list[list[int]], offset_m: float, config: TrackerConfig, speed_mps: float = 8.0) -> Tracks:
+    """A car in two pieces, each seen in some frames, the second one so far ahead of the first, and shorter."""
+    rows = [
+        (frame, number, speed_mps * TIME_S[frame] + offset_m * number, 2.0 - number)
+        for number, seen_in in enumerate(frames)
+        for frame in seen_in
+    ]
+    rows.sort()
+    table = np.array(rows)
+    boxes = np.zeros((len(table), 7))
+    boxes[:, 0], boxes[:, 3], boxes[:, 4:6] = table[:, 2], table[:, 3], 1.0
+    velocity = np.zeros((len(table), 3))
+    velocity[:, 0] = speed_mps
+    return track(table[:, 0].astype(int), Boxes.from_rows(boxes), velocity, TIME_S, config)
+
+
+@pytest.mark.parametrize(
+    ("overlap", "offset_m", "max_overlap_s", "tracks"),
+    [
+        (4, 0.5, 0.5, 1),
+        (4, 0.5, 0.0, 2),
+        (8, 0.5, 0.5, 2),  # 0.7 s beside each other
+        (4, 3.0, 0.5, 2),  # too far apart for one object
+    ],
+)
+def test_a_piece_that_goes_on_is_of_the_same_track(
+    overlap: int, offset_m: float, max_overlap_s: float, tracks: int
+) -> None:
+    first, second = list(range(12)), list(range(12 - overlap, 20))
+    config = replace(STANDING, max_overlap_s=max_overlap_s)
+    found = pieces([first, second], offset_m, config)
+    assert len(set(found.track_id)) == tracks
+    if tracks == 1:
+        np.testing.assert_array_equal(found.frame, np.arange(20))
+        # Of two boxes in one frame the larger one is kept.
+        np.testing.assert_array_equal(found.boxes.size_lwh_m[:, 0], [2.0] * 12 + [1.0] * 8)
+
+
+def test_a_piece_that_ends_before_the_other_does_is_no_successor() -> None:
+    found = pieces([list(range(20)), list(range(8, 14))], 0.5, STANDING)
+    assert len(set(found.track_id)) == 2
+
+
+@pytest.mark.parametrize(
+    ("speed_mps", "max_standing_gap_s", "tracks"), [(0.0, 3.0, 1), (0.0, 1.0, 2), (8.0, 3.0, 2)]
+)
+def test_what_stands_still_is_found_again_after_a_longer_gap(
+    speed_mps: float, max_standing_gap_s: float, tracks: int
+) -> None:
+    """Two seconds, of 30 frames at 10 Hz, in which a bus hides a parked car: no box is made up for them."""
+    seen_in, time_s = [*range(5), *range(25, 30)], np.arange(30) * 0.1
+    boxes = np.zeros((10, 7))
+    boxes[:, 0], boxes[:, 3:6] = speed_mps * time_s[seen_in], (4, 2, 1.5)
+    velocity = np.zeros((10, 3))
+    velocity[:, 0] = speed_mps
+    config = replace(STANDING, max_gap_s=0.5, max_standing_gap_s=max_standing_gap_s)
+    found = track(np.array(seen_in), Boxes.from_rows(boxes), velocity, time_s, config)
+    assert len(set(found.track_id)) == tracks
+    np.testing.assert_array_equal(found.frame, seen_in)
+
+
+@pytest.mark.parametrize("rate_hz", [2.0, 5.0, 20.0])
+def test_one_track_at_any_rate_through_a_gap(rate_hz: float) -> None:
+    """A car at 8 m/s, measured to 0.1 m, that is hidden for a second in the middle of six."""
+    rng = np.random.default_rng(0)
+    time_s = np.arange(0, 6, 1 / rate_hz)
+    seen_in = np.flatnonzero((time_s < 2.5) | (time_s >= 3.5))
+    boxes = np.zeros((len(seen_in), 7))
+    boxes[:, 0], boxes[:, 3:6] = 8 * time_s[seen_in], (4, 2, 1.5)
+    boxes[:, :2] += rng.normal(0, 0.1, (len(seen_in), 2))
+    velocity = np.zeros((len(seen_in), 3))
+    velocity[:, :2] = [8.0, 0.0] + rng.normal(0, 0.3, (len(seen_in), 2))
+    found = track(seen_in, Boxes.from_rows(boxes), velocity, time_s, STANDING)
+    assert set(found.track_id) == {0}
+    assert len(found.frame) == len(time_s)

@@ -1,4 +1,4 @@
-"""Boxes and persons of the clusters of one sweep: each set of points is worked on once."""
+"""Boxes of the clusters of one sweep: each set of points is worked on once."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from upvl_cli.perception.box_fit import rectangle_heading, tight_box
+from upvl_cli.perception.box_fit import median, rectangle_heading, tight_rectangle
 from upvl_cli.perception.proposals.clusters import points_of_clusters
 from upvl_cli.perception.proposals.config import ProposalBoxConfig, ProposalConfig
-from upvl_cli.perception.proposals.crowd import split_crowd
 from upvl_cli.types import Array, Bools, Boxes, Floats, Ints
 
 
@@ -51,7 +50,6 @@ class ClusterFits:
         """Start without any fit."""
         self.sweep, self.config = sweep, config
         self._boxes: dict[tuple[bytes, bytes], Array] = {}
-        self._persons: dict[bytes, tuple[Ints, Ints]] = {}
 
     def boxes(self, label: Ints, velocity_mps: Floats) -> Boxes:
         """Return the k boxes of clusters.
@@ -66,18 +64,6 @@ class ClusterFits:
         ]
         return Boxes.from_rows(np.array(rows).reshape(-1, 7))
 
-    def persons(self, points: Ints) -> tuple[Ints, Ints]:
-        """Return the points of a cluster off the ground, and the number of the person that each belongs to.
-
-        Args:
-            points: (m,) numbers of the points of the cluster, ascending.
-        """
-        key = points.tobytes()
-        if key not in self._persons:
-            body = points[self.sweep.height_m[points] >= self.config.box.ground_clearance_m]
-            self._persons[key] = body, split_crowd(self.sweep.xyz_m[body], self.config.crowd)
-        return self._persons[key]
-
     def _box(self, points: Ints, velocity_mps: Floats) -> Array:
         key = points.tobytes(), velocity_mps.tobytes()
         if key not in self._boxes:
@@ -89,16 +75,15 @@ class ClusterFits:
 def _fit_box(xyz_m: Floats, height_m: Floats, velocity_mps: Floats, config: ProposalBoxConfig) -> Array:
     """Return (7,) one box, along the motion of the object or, where it stands still, along its shape."""
     is_body = height_m >= config.ground_clearance_m
-    if not is_body.any():
-        is_body = np.ones(len(xyz_m), dtype=np.bool_)
+    body_xy_m = xyz_m[is_body, :2] if is_body.any() else xyz_m[:, :2]
     if np.hypot(*velocity_mps[:2]) >= config.moving_mps:
         heading_rad = float(np.arctan2(velocity_mps[1], velocity_mps[0]))
     else:
         step_rad = float(np.deg2rad(config.heading_step_deg))
-        heading_rad = rectangle_heading(xyz_m[is_body, :2], step_rad=step_rad, floor_m=config.edge_floor_m)
-    box = tight_box(xyz_m[is_body], heading_rad, trim=config.trim)
-    low_m, high_m = xyz_m[:, 2].min(), xyz_m[:, 2].max()
+        heading_rad = rectangle_heading(body_xy_m, step_rad=step_rad, floor_m=config.edge_floor_m)
+    (x_m, y_m), length_m, width_m = tight_rectangle(body_xy_m, heading_rad, trim=config.trim)
+    z_m = xyz_m[:, 2]
+    low_m, high_m = z_m.min(), z_m.max()
     if height_m.min() < config.standing_height_m:
-        low_m = np.median(xyz_m[:, 2] - height_m)  # the ground below the object
-    (x_m, y_m, _), (length_m, width_m, _) = box.center_m[0], box.size_lwh_m[0]
-    return np.array([x_m, y_m, (low_m + high_m) / 2, length_m, width_m, high_m - low_m, box.heading_rad[0]])
+        low_m = median(z_m - height_m)  # the ground below the object
+    return np.array([x_m, y_m, (low_m + high_m) / 2, length_m, width_m, high_m - low_m, heading_rad])

@@ -19,13 +19,13 @@ from upvl_cli.perception.proposals.clusters import (
     drop_clusters,
     flagged_share,
     median_velocities,
-    points_of_clusters,
 )
 from upvl_cli.perception.proposals.config import (
     ClusteringConfig,
     ProposalBoxConfig,
     ProposalConfig,
 )
+from upvl_cli.perception.proposals.crowd import split_crowds
 from upvl_cli.perception.proposals.persistence import OccupancyHistory
 from upvl_cli.types import Array, Bools, Boxes, Floats, Ints
 
@@ -80,7 +80,7 @@ def _propose(
     # Clusters of background are many: they are dropped before a box is fitted to each.
     if background.drop and background.cluster:
         label, dropped["background"] = _drop_background(label, sweep, background.max_share)
-    label = _split_crowds(label, fits)
+    label = _split_crowds(label, sweep, config)
 
     velocity_mps = _velocities(label, sweep)
     boxes = fits.boxes(label, velocity_mps)
@@ -130,15 +130,19 @@ def _drop_background(label: Ints, sweep: Sweep, max_share: float) -> tuple[Ints,
     return drop_clusters(label, background_share(label, sweep.background) > max_share)
 
 
-def _split_crowds(label: Ints, fits: ClusterFits) -> Ints:
+def _split_crowds(label: Ints, sweep: Sweep, config: ProposalConfig) -> Ints:
     """Return the labels with crowds split: the first person keeps the number, the others get new ones."""
+    body = np.flatnonzero((label != NOISE) & (sweep.height_m >= config.box.ground_clearance_m))
+    body = body[np.argsort(label[body], kind="stable")]
+    person = split_crowds(sweep.xyz_m[body], label[body], config.crowd)
+    total = int(label.max(initial=NOISE)) + 1
+    further: Ints = np.zeros(total, dtype=np.int64)  # persons of each cluster beside the first one
+    np.maximum.at(further, label[body], person)
+    start = total + np.cumsum(further) - further
+    is_further = person > 0
+    crowd = body[is_further]
     label = label.copy()
-    total = label.max(initial=NOISE) + 1
-    for points in points_of_clusters(label):
-        body, person = fits.persons(points)
-        is_further = person > 0
-        label[body[is_further]] = total + person[is_further] - 1
-        total += person.max(initial=0)
+    label[crowd] = start[label[crowd]] + person[is_further] - 1
     return label
 
 

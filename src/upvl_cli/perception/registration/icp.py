@@ -58,8 +58,9 @@ def register_clouds(
         The alignment; None where it leaves too many points without partner or turns too far.
     """
     best, lowest_m2 = None, np.inf
+    target = None if not len(target_xyz_m) else cKDTree(target_xyz_m)  # one for all starts
     for number, initial in enumerate(_starts(guesses, extent_m, config.start_offsets)):
-        found = align_yaw(source_xyz_m, target_xyz_m, initial, config)
+        found = _align_to_tree(source_xyz_m, target, initial, config)
         error_m2 = found.error_m2(config.radius_m)
         if error_m2 < lowest_m2:
             best, lowest_m2 = found, error_m2
@@ -96,10 +97,17 @@ def align_yaw(source_xyz_m: Floats, target_xyz_m: Floats, initial: Floats, confi
     Returns:
         The alignment; the guess itself where fewer than three pairs were ever within the radius.
     """
+    tree = None if not len(target_xyz_m) else cKDTree(target_xyz_m)
+    return _align_to_tree(source_xyz_m, tree, initial, config)
+
+
+def _align_to_tree(
+    source_xyz_m: Floats, tree: cKDTree | None, initial: Floats, config: YawIcpConfig
+) -> Alignment:
+    """Align a cloud to the points of a tree, None for no point; see `align_yaw`."""
     target_from_source = np.array(initial, dtype=np.float64)
-    if not len(source_xyz_m) or not len(target_xyz_m):
+    if not len(source_xyz_m) or tree is None:
         return Alignment(target_from_source, float("inf"), 0.0)
-    tree = cKDTree(target_xyz_m)
     source = np.asarray(source_xyz_m, dtype=np.float64)
     moved = apply(target_from_source, source)
     for _ in range(config.max_iterations):

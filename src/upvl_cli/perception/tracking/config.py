@@ -57,6 +57,25 @@ class TrackerConfig(Config):
     max_gap_s: float = setting(
         "longest time between the end of a track and the start of another that are joined", "s", ge=0, le=3600
     )
+    max_standing_gap_s: float = setting(
+        "the same of two parts that both stand still: what hides a parked car passes by", "s", ge=0, le=3600
+    )
+    standing_mps: float = setting(
+        "speed below which a part of a track stands still where it ends or begins", "m/s", ge=0, le=200
+    )
+    standing_psd_m2ps3: float = setting(
+        "power spectral density of the acceleration of what stands still, for such a gap",
+        "m^2/s^3",
+        ge=0,
+        le=10_000,
+    )
+    max_overlap_s: float = setting(
+        "longest time for which two tracks can go on beside each other and still be parts of one: the clustering "
+        "splits an object for a few frames, and the other piece goes on",
+        "s",
+        ge=0,
+        le=3600,
+    )
     min_boxes: int = setting("fewest boxes of a track; one with fewer is dropped", ge=1, le=10**6)
     window_s: float = setting(
         "length of the windows of time in which tracks are found; those of a longer drive overlap by half, and "
@@ -97,6 +116,7 @@ class TrackerConfig(Config):
             self,
             max_coast_s=max(self.max_coast_s, (self.min_coast_frames + 0.5) * step_s),
             max_gap_s=max(self.max_gap_s, (self.min_gap_frames + 0.5) * step_s),
+            max_standing_gap_s=max(self.max_standing_gap_s, (self.min_gap_frames + 0.5) * step_s),
             min_boxes=min(self.min_boxes, max(2, math.ceil(self.min_seconds / step_s - 0.25) + 1)),
         )
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from upvl_cli.perception.tracking.association import associate, join_fragments
+from upvl_cli.perception.tracking.association import Fragments, associate, join_fragments
 from upvl_cli.perception.tracking.config import TrackerConfig, TravelConfig
 from upvl_cli.perception.tracking.hypotheses import Hypotheses
 from upvl_cli.perception.tracking.measurements import Measurements
@@ -89,7 +89,7 @@ def track(
     dropped["duplicate"] = [int(frame[found[k].rows[0]]) for k in np.flatnonzero(is_duplicate).tolist()]
     kept = [item for item, is_dropped in zip(found, is_duplicate.tolist(), strict=True) if not is_dropped]
     kept.sort(key=lambda item: int(item.rows[0]))
-    pieces = [_filled_track(measured, item, number) for number, item in enumerate(kept)]
+    pieces = [_filled_track(measured, item, number, config.max_gap_s) for number, item in enumerate(kept)]
     first = np.array([item.rows[0] for item in kept], dtype=np.int64)
     return _stack(pieces, hypotheses.number[first], dropped)
 
@@ -107,8 +107,12 @@ def _tracks_of(
     """Yield the tracks of some boxes, in the order of their first boxes."""
     fragments = associate(model, measured, rows, config)
     fits = measured.smooth(model, fragments)
-    tracks = join_fragments(model, measured, fragments, fits, config)
-    chains = [np.concatenate([fragments[link] for link in links]) for links in tracks if len(links) > 1]
+    tracks = join_fragments(model, Fragments.of_rows(measured, fragments, fits), config)
+    chains = [
+        _one_a_frame(measured, np.concatenate([fragments[link] for link in links]))
+        for links in tracks
+        if len(links) > 1
+    ]
     chain_fits = iter(zip(chains, measured.smooth(model, chains), strict=True))
     for links in tracks:
         if len(links) > 1:
@@ -116,6 +120,13 @@ def _tracks_of(
         else:
             boxes, states = fragments[links[0]], fits[links[0]][0]
         yield _FoundTrack(boxes, states)
+
+
+def _one_a_frame(measured: Measurements, rows: Ints) -> Ints:
+    """Return some boxes in the order of their frames, of each frame the one that covers the most ground."""
+    area_m2 = measured.boxes.size_lwh_m[rows, 0] * measured.boxes.size_lwh_m[rows, 1]
+    ordered = rows[np.lexsort((rows, -area_m2, measured.frame[rows]))]
+    return np.asarray(ordered[np.append(True, np.diff(measured.frame[ordered]) > 0)])
 
 
 def _travels(measured: Measurements, rows: Ints, config: TrackerConfig) -> bool:
@@ -141,9 +152,9 @@ def travels(state: Floats, time_s: Floats, config: TravelConfig) -> bool:
 
 
 def _filled_track(
-    measured: Measurements, item: _FoundTrack, number: int
+    measured: Measurements, item: _FoundTrack, number: int, max_gap_s: float
 ) -> tuple[Array, Array, Array, Boxes, Array]:
-    """Return one track as columns: number, frame, box, boxes, velocity; its gaps filled."""
+    """Return one track as columns: number, frame, box, boxes, velocity; its gaps filled, but for longer ones."""
     rows, states = item
     seen, boxes = measured.frame[rows], measured.boxes[rows]
     frame = np.arange(seen[0], seen[-1] + 1)
@@ -162,7 +173,11 @@ def _filled_track(
     ):
         filled[seen - seen[0]] = known
     velocity_mps = np.column_stack([states[:, 2:], vertical_mps])
-    return np.full(len(frame), number), frame, box, Boxes(center_m, size_lwh_m, heading_rad), velocity_mps
+    next_seen = np.searchsorted(seen, frame)
+    gap_s = measured.time_s[seen[next_seen]] - measured.time_s[seen[np.maximum(next_seen - 1, 0)]]
+    kept = np.flatnonzero((box != COASTING) | (gap_s <= max_gap_s))
+    whole = Boxes(center_m, size_lwh_m, heading_rad)[kept]
+    return np.full(len(kept), number), frame[kept], box[kept], whole, velocity_mps[kept]
 
 
 def _stack(
