@@ -122,7 +122,7 @@ def test_planes_are_those_of_plain_least_squares() -> None:
     row, column = np.indices((size, size)) + rng.uniform(0, 1, (2, size, size))
     lowest = _Lowest(0.1 * row - 0.2 * column + rng.normal(0, 0.1, row.shape), row, column)
     is_ground = rng.uniform(size=row.shape) < 0.5
-    found = _fit_planes(lowest, is_ground, np.ones_like(is_ground), row, column, CONFIG)
+    found, _ = _fit_planes(lowest, is_ground, np.ones_like(is_ground), row, column, CONFIG)
     for i, j in ((0, 0), (3, 4), (10, 10), (19, 7)):
         for reach in (2, 4, 8):
             window = np.zeros_like(is_ground)

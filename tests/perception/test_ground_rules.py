@@ -144,7 +144,8 @@ def test_ground_that_an_object_hides_is_carried_below_it() -> None:
     config = replace(CONFIG, cell_m=0.5)
     found = height_above_ground(points, 0.0, config)
     np.testing.assert_allclose(found[block], 0.6, atol=0.01)
-    carried_no_further = height_above_ground(points, 0.0, replace(config, envelope_reach_cells=0))
+    unrefined = replace(config, envelope_reach_cells=0, refinements=0)
+    carried_no_further = height_above_ground(points, 0.0, unrefined)
     assert carried_no_further[block].min() < 0.5
 
 
@@ -207,7 +208,7 @@ def test_a_lowest_point_far_below_the_plane_is_no_ground(pit_m: float, is_mirror
     assert (beside > 0.01).all() != is_mirror_image
 
 
-@pytest.mark.parametrize(("step_m", "is_ground"), [(0.13, True), (0.25, False)])
+@pytest.mark.parametrize(("step_m", "is_ground"), [(0.02, True), (0.13, False), (0.25, False)])
 def test_a_step_up_to_the_tolerance_is_ground(step_m: float, is_ground: bool) -> None:
     """Half of the map is higher; a single cell that stands out by more than the tolerance is not followed."""
     alone = replace(CONFIG, max_slope=10.0, min_support_share=0.0)
@@ -257,3 +258,19 @@ def test_a_bare_line_of_ground_has_no_tilt_across() -> None:
     probe = np.array([[0.5, 4.5, 1.0]])
     found = height_above_ground(np.concatenate([line, probe]), 0.0, replace(CONFIG, blind_radius_m=0.0))[-1]
     assert found == pytest.approx(1.0 - 0.05, abs=0.05)
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.1, 0.2])
+def test_verges_in_wide_windows_do_not_lift_the_road(slope: float) -> None:
+    """Far away one cell in four is seen; a third of those are verges 0.12 m above the road."""
+    rng = np.random.default_rng(0)
+    road = flat(1.0)
+    road = road[rng.random(len(road)) < 0.25]
+    is_verge = rng.random(len(road)) < 0.33
+    road[:, 2] = slope * road[:, 0] + 0.12 * is_verge
+    steep = replace(CONFIG, prior_slope=1.0)
+    found = height_above_ground(road, 0.0, steep)[~is_verge & (np.abs(road[:, :2]).max(axis=1) < 8)]
+    lifted = height_above_ground(road, 0.0, replace(steep, refinements=0))
+    lifted = lifted[~is_verge & (np.abs(road[:, :2]).max(axis=1) < 8)]
+    assert np.median(found) > np.median(lifted) + 0.015
+    assert np.abs(found).max() < 0.1 + slope

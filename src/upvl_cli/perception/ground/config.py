@@ -71,6 +71,12 @@ class GroundMapConfig(Config):
         le=10**4,
     )
     min_window_cells: int = setting("ground cells that a window needs for its plane", ge=1, le=10**4)
+    refinements: int = setting(
+        "times that the planes are fitted anew to what does not lie above them", ge=0, le=100
+    )
+    refined_tolerance_m: float = setting(
+        "height above the planes from which a lowest point is left out then", "m", gt=0, le=10
+    )
     max_depth_m: float = setting(
         "depth below the first plane beyond which a lowest point is a mirror image and no ground",
         "m",

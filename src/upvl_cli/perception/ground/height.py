@@ -12,6 +12,7 @@ from upvl_cli.types import Array, Bools, Floats, Ints
 
 MAX_HEIGHT_M = 1000.0  # heights are cut off here; half precision, in which they are stored, ends at 65504
 RIDGE = 0.1  # of the spread of a full window, added to that of its cells: a bare line of cells has no tilt
+RISE_ERROR = 0.3  # of a rise that the ridge and a slope seen in part leave uncertain
 TINY = 1e-9  # keeps empty windows from dividing by nothing
 
 
@@ -42,7 +43,8 @@ def height_above_ground(xyz_ego_m: Floats, prior_z_m: float, config: GroundMapCo
     (mirror images under the road, objects without ground below), those above the lower envelope of slope
     `max_slope` (objects), and at first those in cells with an obstacle: a wall whose foot a car hides would
     be its own ground. The rest are smoothed by least squares planes, each in the smallest window that holds
-    enough of them: kerbs stay sharp where the ground is dense, and far ground is found where it is sparse.
+    enough of them: kerbs stay sharp where the ground is dense, and far ground is found where it is sparse. Far windows
+    are wide, and hold verges above the road: what lies a little above the planes is left out, and they sink to it.
 
     Args:
         xyz_ego_m: (n, 3) points.
@@ -59,10 +61,14 @@ def height_above_ground(xyz_ego_m: Floats, prior_z_m: float, config: GroundMapCo
     # Unknown cells are infinite, and compare as no ground.
     is_ground = known & (low < _lower_envelope(low, config) + config.tolerance_m)
     is_ground &= ~_has_obstacle(sweep, low, config)
-    residual_m = low - _fit_planes(lowest, is_ground, known, lowest.row, lowest.column, config)
-    is_ground = known & (residual_m < config.tolerance_m) & (residual_m > -config.max_depth_m)
+    for tolerance_m in (config.tolerance_m, *[config.refined_tolerance_m] * config.refinements):
+        plane_m, rise_m = _fit_planes(lowest, is_ground, known, lowest.row, lowest.column, config)
+        residual_m = low - plane_m
+        # A slope that is seen on one side of a cell alone is uncertain by some share of its rise to there.
+        margin_m = tolerance_m + (RISE_ERROR * np.abs(rise_m) if tolerance_m < config.tolerance_m else 0.0)
+        is_ground = known & (residual_m < margin_m) & (residual_m > -config.max_depth_m)
     center = np.broadcast_to(np.arange(sweep.size) + 0.5, low.shape)
-    ground_m = _fit_planes(lowest, is_ground, _corner_cells(sweep), center.T, center, config)
+    ground_m, _ = _fit_planes(lowest, is_ground, _corner_cells(sweep), center.T, center, config)
     height_m = sweep.z_m - _interpolate(ground_m, sweep)
     return np.clip(height_m, -MAX_HEIGHT_M, MAX_HEIGHT_M).astype(np.float32)
 
@@ -158,8 +164,10 @@ def _has_obstacle(sweep: _Sweep, low: Array, config: GroundMapConfig) -> Bools:
 
 def _fit_planes(
     lowest: _Lowest, is_ground: Bools, wanted: Bools, row: Array, column: Array, config: GroundMapConfig
-) -> Array:
+) -> tuple[Array, Array]:
     """Return (size, size) heights, in each wanted cell, of the plane through the ground of its window; else 0.
+
+    Beside it stands by how much of that the plane rises from the middle of the ground in its window.
 
     Args:
         lowest: The lowest points.
@@ -179,10 +187,12 @@ def _fit_planes(
     np.cumsum(area, axis=0, out=area)
     np.cumsum(area, axis=1, out=area)
     reach = _window_reach(area[:, :, 0], config)[wanted]
-    planes = np.zeros(wanted.shape)
+    planes, rises = np.zeros(wanted.shape), np.zeros(wanted.shape)
     sums = _window_sums(area, np.stack(np.nonzero(wanted)), reach)
-    planes[wanted] = _plane_height(sums, 2 * reach + 1, row[wanted] - middle, column[wanted] - middle)
-    return planes
+    planes[wanted], rises[wanted] = _plane_height(
+        sums, 2 * reach + 1, row[wanted] - middle, column[wanted] - middle
+    )
+    return planes, rises
 
 
 def _window_reach(count: Array, config: GroundMapConfig) -> Ints:
@@ -206,8 +216,8 @@ def _window_sums(area: Array, cells: Ints, reach: Ints) -> Array:
     return np.ascontiguousarray((d - c - b + a).T)
 
 
-def _plane_height(sums: Array, window: Ints, row: Array, column: Array) -> Array:
-    """Return the (k,) height of the least squares plane of each window at a position."""
+def _plane_height(sums: Array, window: Ints, row: Array, column: Array) -> tuple[Array, Array]:
+    """Return the (k,) height of the least squares plane of each window at a position, and its rise to there."""
     _, x, y, z, xx, xy, yy, xz, yz = sums / np.maximum(sums[0], TINY)
     ridge = RIDGE * window**2 / 12
     cxx, cyy, cxy = xx - x * x + ridge, yy - y * y + ridge, xy - x * y
@@ -215,7 +225,8 @@ def _plane_height(sums: Array, window: Ints, row: Array, column: Array) -> Array
     determinant = cxx * cyy - cxy * cxy
     tilt_x = (cxz * cyy - cyz * cxy) / determinant
     tilt_y = (cyz * cxx - cxz * cxy) / determinant
-    return np.asarray(z + tilt_x * (row - x) + tilt_y * (column - y))
+    rise = tilt_x * (row - x) + tilt_y * (column - y)
+    return z + rise, rise
 
 
 def _corners(sweep: _Sweep) -> tuple[Ints, Floats]:
