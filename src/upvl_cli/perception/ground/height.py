@@ -12,7 +12,7 @@ from upvl_cli.types import Array, Bools, Floats, Ints
 
 MAX_HEIGHT_M = 1000.0  # heights are cut off here; half precision, in which they are stored, ends at 65504
 RIDGE = 0.1  # of the spread of a full window, added to that of its cells: a bare line of cells has no tilt
-RISE_ERROR = 0.3  # of a rise that the ridge and a slope seen in part leave uncertain
+RISE_ERROR = 0.2  # of a rise that the ridge and a slope seen in part leave uncertain
 TINY = 1e-9  # keeps empty windows from dividing by nothing
 
 
