@@ -8,6 +8,8 @@ displacements: on real pairs that is both nearer the truth and faster.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from upvl_cli.perception.clustering import NOISE, dbscan_voxels
@@ -17,22 +19,22 @@ from upvl_cli.perception.flow.groups import Groups, Poses, apply_poses, relabel,
 from upvl_cli.perception.flow.residual import move_parts
 from upvl_cli.perception.flow.search import FlowState, search_poses
 from upvl_cli.perception.flow.surface import estimate_surface, misfit
+from upvl_cli.perception.flow.sweeps import OtherSweep
 from upvl_cli.perception.voxels import voxelize
 from upvl_cli.types import Bools, Floats, Ints
 
 
 def estimate_rigid_flow(
-    source_xyz_m: Floats, target_xyz_m: Floats, dt_s: float, config: RigidFlowConfig
+    source_xyz_m: Floats, others: Sequence[OtherSweep], config: RigidFlowConfig
 ) -> Floats:
     """Estimate the (n, 3) velocity over the ground of each source point in m/s; 0 for static points.
 
     Args:
         source_xyz_m: (n, 3) points above the ground.
-        target_xyz_m: (m, 3) the same of the other sweep, in the axes of the source.
-        dt_s: Time from source to target; negative when the target came before.
+        others: The sweep that the flow leads to, then any that confirm it.
         config: The method's settings.
     """
-    total = len(source_xyz_m)
+    total, (target_xyz_m, dt_s) = len(source_xyz_m), others[0]
     if not total or not len(target_xyz_m):
         return np.zeros((total, 3))
     state = FlowState.at_rest(source_xyz_m, target_xyz_m, config.max_speed_mps * abs(dt_s))
