@@ -30,6 +30,12 @@ class FlowConfig(Config):
         gt=0,
         le=10,
     )
+    confirm_interval_s: float = setting(
+        "a third sweep, at least this far away in time, confirms the flow and shows what is slower",
+        "s",
+        gt=0,
+        le=10,
+    )
     rigid: RigidFlowConfig = table("settings of the rigid method")
 
 
@@ -64,12 +70,12 @@ def run(inputs: Inputs, config: FlowConfig) -> Iterator[FlowRow]:
         return flow
 
     frames = inputs.table("odometry", OdometryRow).frames
-    triples = _triples(inputs, config.min_interval_s)
+    triples = _triples(inputs, config.min_interval_s, config.confirm_interval_s)
     for frame, flow in zip(frames, in_order(flow_mps, triples), strict=True):
         yield FlowRow(inputs.segment, frame, flow)
 
 
-def _triples(inputs: Inputs, min_interval_s: float) -> Iterator[SweepTriple]:
+def _triples(inputs: Inputs, min_interval_s: float, confirm_interval_s: float) -> Iterator[SweepTriple]:
     """Yield each sweep with those that it is compared with; at the end of the drive they come before it."""
     from upvl_cli.geometry.se3 import apply, compose, inverse
     from upvl_cli.perception.flow.sweeps import OtherSweep, other_steps
@@ -84,7 +90,7 @@ def _triples(inputs: Inputs, min_interval_s: float) -> Iterator[SweepTriple]:
         return points_of(frame).xyz_ego_m, ~ground[frame].is_ground
 
     times_s = [(pose.time_ns - poses[0].time_ns) * 1e-9 for pose in poses]
-    others = [other_steps(times_s, step, min_interval_s) for step in range(len(poses))]
+    others = [other_steps(times_s, step, min_interval_s, confirm_interval_s) for step in range(len(poses))]
     coming = in_order(sweep, range(len(poses)))
     sweeps: dict[int, tuple[Array, Array]] = {}
     for step, pose in enumerate(poses):

@@ -67,6 +67,14 @@ class FlowIcpConfig(Config):
     fine_radii_m: tuple[float, ...] = setting(
         "correspondence radius of each step of the fine pass, from wide to narrow", "m", gt=0, le=100
     )
+    stretch: tuple[float, ...] = setting(
+        "factors by which the shift of the coarse pass is tried again: long sides hold it back", ge=0.1, le=10
+    )
+    slack: float = setting(
+        "cost after the coarse pass, as a multiple of the highest one of use, above which there is no fine pass",
+        ge=1,
+        le=100,
+    )
     min_pairs: int = setting("point pairs below which a group gets no motion", ge=3, le=10**6)
     tangential_weight: float = setting(
         "weight of a planar pair's residual along its plane; that of the residual across it is 1", gt=0, le=1
@@ -96,6 +104,39 @@ class FlowPlausibilityConfig(Config):
         "1/m",
         ge=0,
         le=100,
+    )
+
+
+@dataclass(frozen=True)
+class FlowEvidenceConfig(Config):
+    """What must speak for a motion, in both sweeps, beside the misfit that drops."""
+
+    min_change_m: float = setting(
+        "change of the distance to the other sweep from which a point speaks for a motion or against it",
+        "m",
+        gt=0,
+        le=10,
+    )
+    min_change: float = setting("the same in point spacings; the larger of the two counts", ge=0, le=100)
+    min_points: int = setting("points that must speak for a motion along the surface", ge=1, le=10**6)
+    min_share: float = setting(
+        "points that must speak for it, as a share of those that were sampled", ge=0, le=1
+    )
+    min_odds: float = setting("points that speak for it, for each that speaks against it", ge=0, le=1000)
+    contradiction: float = setting(
+        "misfit to the confirming sweep, as a multiple of that at rest, from which it contradicts a motion",
+        ge=0,
+        le=100,
+    )
+    confirmation: float = setting(
+        "the same for motions towards the confirming sweep: the target must fit them at least this well",
+        ge=0,
+        le=1,
+    )
+    vanished_misfit: float = setting(
+        "misfit at rest from which a component has left the place in a sweep, or is hidden there",
+        ge=0,
+        le=1000,
     )
 
 
@@ -153,4 +194,5 @@ class RigidFlowConfig(Config):
     vote: FlowVoteConfig = table("displacement histogram that gives the starts of ICP")
     icp: FlowIcpConfig = table("registration of a component with the other sweep")
     plausibility: FlowPlausibilityConfig = table("motions that are possible and observable")
+    evidence: FlowEvidenceConfig = table("what must speak for a motion")
     residual: FlowResidualConfig = table("second pass over what the first leaves unexplained")

@@ -7,23 +7,29 @@ from scipy.spatial import cKDTree
 
 from upvl_cli.perception.flow.config import FlowVoteConfig
 from upvl_cli.perception.flow.groups import Groups, Poses, apply_poses
-from upvl_cli.types import Array, Floats
+from upvl_cli.types import Array, Floats, Ints
 
 
 def start_hypotheses(
-    groups: Groups, target_m: Floats, target_center_m: Floats, max_shift_m: float, config: FlowVoteConfig
+    groups: Groups,
+    chosen: Ints,
+    target_m: Floats,
+    target_center_m: Floats,
+    max_shift_m: float,
+    config: FlowVoteConfig,
 ) -> Poses:
-    """Return the start hypotheses of each group: at rest, the shift of its center, then the peaks of the vote.
+    """Return the start hypotheses of some groups: at rest, the shift of its center, then the peaks of the vote.
 
     Args:
         groups: Points to move.
+        chosen: (k,) the groups, ascending.
         target_m: (m, 3) points of the other sweep that they may correspond to.
         target_center_m: (g, 3) center of the points of each component in the other sweep; NaN where there are none.
         max_shift_m: Displacements longer than this do not vote.
         config: The histogram.
     """
-    group, shift_m = [], []
-    for number in range(len(groups.size)):
+    group, shift_m = [np.zeros(0, np.int64)], [np.zeros((0, 2))]
+    for number in chosen:
         first = groups.first[number]
         shifts = np.concatenate(
             [

@@ -20,17 +20,20 @@ class OtherSweep(NamedTuple):
     dt_s: float
 
 
-def other_steps(times_s: Sequence[float], step: int, min_interval_s: float) -> tuple[int, ...]:
+def other_steps(
+    times_s: Sequence[float], step: int, min_interval_s: float, confirm_interval_s: float
+) -> tuple[int, ...]:
     """Return the sweeps that one is compared with: first the target of its flow, then the one that confirms it.
 
-    The target is the first one at least the interval later; where the drive ends before, the last one at least the
-    interval earlier; in a drive that is shorter, its far end. The other direction confirms, or at the end of a drive
-    a sweep another interval on.
+    The target is the first one at least an interval later; where the drive ends before, the last one at least the
+    interval earlier; in a drive that is shorter, its far end. One that is at least the other interval away confirms,
+    on the other side of the sweep, or at the end of a drive on the same.
 
     Args:
         times_s: (n,) times of the sweeps, ascending.
         step: The sweep.
-        min_interval_s: Time between sweeps that is long enough to see motion.
+        min_interval_s: Shortest time to the target.
+        confirm_interval_s: Shortest time to the sweep that confirms.
 
     Returns:
         None, one or two steps.
@@ -40,12 +43,10 @@ def other_steps(times_s: Sequence[float], step: int, min_interval_s: float) -> t
     if later is None and earlier is None:
         ends = sorted({0, len(times_s) - 1} - {step}, key=lambda end: -abs(times_s[end] - times_s[step]))
         return tuple(ends[:1])
-    if later is None:
-        assert earlier is not None
-        beyond = _earlier(times_s, earlier, min_interval_s)
-        return (earlier,) if beyond is None else (earlier, beyond)
-    beyond = _later(times_s, later, min_interval_s) if earlier is None else earlier
-    return (later,) if beyond is None else (later, beyond)
+    target, sides = (earlier, (_later, _earlier)) if later is None else (later, (_earlier, _later))
+    assert target is not None
+    confirming = (side(times_s, step, confirm_interval_s) for side in sides)
+    return next(((target, other) for other in confirming if other is not None and other != target), (target,))
 
 
 def _later(times_s: Sequence[float], step: int, min_interval_s: float) -> int | None:
