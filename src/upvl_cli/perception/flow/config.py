@@ -123,6 +123,13 @@ class FlowEvidenceConfig(Config):
         "points that must speak for it, as a share of those that were sampled", ge=0, le=1
     )
     min_odds: float = setting("points that speak for it, for each that speaks against it", ge=0, le=1000)
+    min_end_ratio: float = setting(
+        "shift of one end of a long side as a share of the shift of its other end, at least", ge=0, le=1
+    )
+    slow_misfit: float = setting(
+        "misfit at rest to the second sweep from which a component is tried with the third one", ge=0, le=100
+    )
+    slow_points: int = setting("points of such a component, at least", ge=1, le=10**6)
     contradiction: float = setting(
         "misfit to the confirming sweep, as a multiple of that at rest, from which it contradicts a motion",
         ge=0,

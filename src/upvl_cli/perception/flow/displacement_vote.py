@@ -67,7 +67,7 @@ def _vote(source_m: Floats, target_m: Floats, max_shift_m: float, config: FlowVo
 
 
 def select_starts(groups: Groups, tree: cKDTree, poses: Poses, starts: int, max_distance_m: float) -> Poses:
-    """Return the first hypothesis of each group and the nearest of its others.
+    """Return the first hypothesis of each group and the nearest of its others, unless they are no nearer.
 
     Args:
         groups: Points to move.
@@ -77,10 +77,12 @@ def select_starts(groups: Groups, tree: cKDTree, poses: Poses, starts: int, max_
         max_distance_m: Distance of a point without partner.
     """
     distance_m = mean_nearest_m(groups, tree, poses, max_distance_m)
-    distance_m[np.flatnonzero(np.diff(poses.group, prepend=-1))] = -1
+    first = np.flatnonzero(np.diff(poses.group, prepend=-1))
+    is_nearer = distance_m < distance_m[first[np.searchsorted(poses.group[first], poses.group)]]
+    is_nearer[first], distance_m[first] = True, -1
     order = np.lexsort((distance_m, poses.group))
     rank = np.arange(len(order)) - np.searchsorted(poses.group, poses.group)
-    return poses[np.sort(order[rank <= starts])]
+    return poses[np.sort(order[(rank <= starts) & is_nearer[order]])]
 
 
 def mean_nearest_m(groups: Groups, tree: cKDTree, poses: Poses, max_distance_m: float) -> Floats:

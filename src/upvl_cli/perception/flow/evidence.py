@@ -10,13 +10,17 @@ from upvl_cli.perception.flow.groups import (
     Groups,
     Poses,
     apply_poses,
+    group_means,
+    group_sums,
+    relabel,
     rotate_about_z,
     sample_groups,
-    static_poses,
 )
-from upvl_cli.perception.flow.search import Candidates, FlowState, Found
-from upvl_cli.perception.flow.surface import LocalSurface, estimate_surface, misfit
-from upvl_cli.types import Bools, Floats
+from upvl_cli.perception.flow.search import Candidates, FlowState, Found, Labelled
+from upvl_cli.perception.flow.surface import LocalSurface, estimate_surface
+from upvl_cli.types import Bools, Floats, Ints
+
+END_SHARES = (0.02, 0.98)  # of the points of a thing, in their order along it: where its ends are
 
 
 def has_evidence(state: FlowState, found: Found, candidates: Candidates, config: RigidFlowConfig) -> Bools:
@@ -61,25 +65,49 @@ def _speaks(points: LocalSurface, tree: cKDTree, poses: Poses, config: FlowEvide
     return np.asarray((gain >= needed) & (gain >= config.min_odds * loss))
 
 
-def scaled(groups: Groups, poses: Poses, ratio: float) -> Poses:
-    """Return where groups that go on steadily are after another time.
+def has_end_shifts(
+    state: FlowState, labelled: Labelled, of_target: Ints, chosen: Bools, config: FlowEvidenceConfig
+) -> Bools:
+    """Return (g,) whether both ends of a group lie farther on in the second sweep, along its longest extent.
 
     Args:
-        groups: The groups.
-        poses: Where they are after a time.
-        ratio: The other time by that one; negative before.
+        state: The sweeps.
+        labelled: Points of the first sweep and their groups.
+        of_target: (m,) group of each point of the second sweep, -1 for none.
+        chosen: (g,) groups that are asked for.
+        config: The least shift.
     """
-    center_m = groups.center_m[poses.group]
-    return Poses(poses.group, ratio * poses.yaw_rad, center_m + ratio * (poses.center_m - center_m))
+    kept = np.flatnonzero(chosen)
+    labelled, of_target = labelled.among(kept), relabel(of_target, kept)
+    target = np.flatnonzero(of_target >= 0)
+    here_m, there_m = state.source_m[labelled.point, :2], state.target_m[target, :2]
+    arm_m = here_m - group_means(here_m, labelled.group, len(kept))[labelled.group]
+    squares = np.column_stack([arm_m[:, 0] ** 2 - arm_m[:, 1] ** 2, 2 * arm_m[:, 0] * arm_m[:, 1]])
+    x, y = group_sums(squares, labelled.group, len(kept)).T
+    axis = np.column_stack([np.cos(np.arctan2(y, x) / 2), np.sin(np.arctan2(y, x) / 2)])
+    group = of_target[target]
+    here = _ends((here_m * axis[labelled.group]).sum(axis=1), labelled.group, len(kept))
+    there = _ends((there_m * axis[group]).sum(axis=1), group, len(kept))
+    shift_m = there - here
+    longer_m, shorter_m = np.abs(shift_m).max(axis=1), np.abs(shift_m).min(axis=1)
+    is_shift = (
+        (shift_m.prod(axis=1) > 0)
+        & (shorter_m > config.min_change_m)
+        & (shorter_m > config.min_end_ratio * longer_m)
+        & (longer_m < state.max_shift_m)
+    )
+    found = np.zeros(len(chosen), np.bool_)
+    found[kept] = is_shift
+    return found
 
 
-def misfits(points: LocalSurface, tree: cKDTree, poses: Poses) -> tuple[Floats, Floats]:
-    """Return the (h,) misfits to a sweep of groups by their poses, and those at rest.
-
-    Args:
-        points: Samples of the groups.
-        tree: The sweep.
-        poses: h poses.
-    """
-    at_rest = misfit(points, tree, static_poses(points.groups))
-    return misfit(points, tree, poses), at_rest[poses.group]
+def _ends(along_m: Floats, group: Ints, total: int) -> Floats:
+    """Return the (g, 2) percentiles 2 and 98 of values by group; NaN where a group has none."""
+    order = np.lexsort((along_m, group))
+    size = np.bincount(group, minlength=total)
+    first = np.cumsum(size) - size
+    ends: Floats = np.full((total, 2), np.nan)
+    for column, share in enumerate(END_SHARES):
+        row = first + (share * np.maximum(size - 1, 0)).astype(np.int64)
+        ends[size > 0, column] = along_m[order[row[size > 0]]]
+    return ends

@@ -9,18 +9,18 @@ displacements: on real pairs that is both nearer the truth and faster.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from upvl_cli.perception.clustering import NOISE, dbscan_voxels
 from upvl_cli.perception.flow.config import RigidFlowConfig
-from upvl_cli.perception.flow.evidence import has_evidence, misfits, scaled
-from upvl_cli.perception.flow.groups import Groups, Poses, apply_poses, relabel, static_poses
+from upvl_cli.perception.flow.evidence import has_end_shifts, has_evidence
+from upvl_cli.perception.flow.groups import Groups, Poses, apply_poses, relabel
 from upvl_cli.perception.flow.residual import move_parts, residual_mask
-from upvl_cli.perception.flow.search import Candidates, FlowState, Labelled, sample_surface, search_poses
-from upvl_cli.perception.flow.surface import misfit
+from upvl_cli.perception.flow.screen import Screen, screen_components
+from upvl_cli.perception.flow.search import Candidates, FlowState, Labelled, search_poses
 from upvl_cli.perception.flow.sweeps import OtherSweep
+from upvl_cli.perception.flow.third import Third, move_by_third, third_sweep
 from upvl_cli.perception.voxels import voxelize
 from upvl_cli.types import Bools, Floats, Ints
 
@@ -50,27 +50,13 @@ def estimate_rigid_flow(
     is_residual = residual_mask(
         source_xyz_m, np.zeros((total, 4)), of_source, state.source_tree, state.target_tree, config
     )
-    third = None
-    if len(others) > 1 and len(others[1].xyz_m):
-        third_xyz_m, third_dt_s = others[1]
-        third = Third(state.toward(third_xyz_m, config.max_speed_mps * abs(third_dt_s)), third_dt_s / dt_s)
-    _move_components(state, third, labelled, of_target, is_residual, config)
+    screen = screen_components(state, labelled, is_residual, config)
+    third = third_sweep(state, others, config)
+    _move_components(state, third, labelled, of_target, screen, config)
     if third is not None:
-        _move_by_third(state, third, labelled, config)
+        move_by_third(state, third, labelled, screen, config)
     move_parts(state, of_source, of_target, is_residual, config)
     return state.shift_m / dt_s
-
-
-class Third(NamedTuple):
-    """A third sweep.
-
-    Attributes:
-        state: The source with the third sweep as its target.
-        ratio: Time to the third sweep by that to the target.
-    """
-
-    state: FlowState
-    ratio: float
 
 
 def _move_components(
@@ -78,7 +64,7 @@ def _move_components(
     third: Third | None,
     labelled: Labelled,
     of_target: Ints,
-    is_residual: Bools,
+    screen: Screen,
     config: RigidFlowConfig,
 ) -> None:
     """Give each component the motion that explains it better than rest, unless the third sweep contradicts.
@@ -88,10 +74,24 @@ def _move_components(
         third: A third sweep.
         labelled: The points of the first sweep and their components.
         of_target: (m,) component of each point of the second sweep, -1 for none.
-        is_residual: (n,) which points of the first sweep the second does not explain at rest.
+        screen: How well components fit at rest.
         config: The method's settings.
     """
-    component, floor = _searched_components(state, labelled, is_residual, third is not None, config)
+    is_off = screen.misfit > config.max_static_misfit
+    # Without a third sweep nothing confirms that a long side slides along itself.
+    slides = (
+        np.zeros_like(is_off)
+        if third is None
+        else has_end_shifts(
+            state,
+            labelled.among(screen.component),
+            relabel(of_target, screen.component),
+            screen.has_residual & ~is_off,
+            config.evidence,
+        )
+    )
+    searched = np.flatnonzero(is_off | slides)
+    component, floor = screen.component[searched], np.where(is_off, config.max_static_misfit, 0.0)[searched]
     label = relabel(of_target, component)
     # No moving component corresponds to points of a static one, nor of one that only the second sweep has;
     # noise may be a part of it.
@@ -104,95 +104,14 @@ def _move_components(
     needs_evidence = found.is_hidden | (floor[found.group] < config.max_static_misfit)
     moves = ~needs_evidence
     if third is not None:
-        poses = scaled(found.points.groups, found.poses, third.ratio)
-        moved, rest = misfits(found.points, third.state.target_tree, poses)
+        moved, rest = third.misfits(found)
         evident = needs_evidence & (moved < (1 - config.min_gain) * rest)
-        if evident.any():
-            evident[evident] = has_evidence(state, found.select(evident), candidates, config)
+        evident[evident] = has_evidence(state, found.select(evident), candidates, config)
         moves = (moves & (moved <= config.evidence.contradiction * rest)) | evident
     found = found.select(moves)
-    size = np.bincount(labelled.group, minlength=len(component))[found.group]
-    gain = size * (found.rest - found.cost)
+    gain = np.bincount(labelled.group)[found.group] * (found.rest - found.cost)
     found = found.select(occupies_most_cells(found.points.groups, found.poses, gain, config.occupancy_cell_m))
     state.move(labelled, found.group, found.points.groups, found.poses)
-
-
-def _searched_components(
-    state: FlowState, labelled: Labelled, is_residual: Bools, with_ends: bool, config: RigidFlowConfig
-) -> tuple[Ints, Floats]:
-    """Return the components whose motion is searched, and the misfit at rest up to which each stands.
-
-    Args:
-        state: The sweeps.
-        labelled: The points of the first sweep and their components.
-        is_residual: (n,) which points of the first sweep the second does not explain at rest.
-        with_ends: Whether those count of which only a small part is not explained: both ends of a long side.
-        config: The method's settings.
-    """
-    total = int(labelled.group.max(initial=NOISE)) + 1
-    size = np.bincount(labelled.group[labelled.group >= 0], minlength=total)
-    residual = np.bincount(labelled.group[is_residual & (labelled.group >= 0)], minlength=total)
-    component = np.flatnonzero((size >= config.icp.min_pairs) & (residual > 0))
-    points = sample_surface(state, labelled.among(component), len(component), config.screen_points, config)
-    is_off = misfit(points, state.target_tree, static_poses(points.groups)) > config.max_static_misfit
-    evidence = config.evidence
-    has_ends = residual >= np.maximum(evidence.min_points, evidence.min_share * size)
-    searched = is_off | (has_ends[component] & with_ends)
-    return component[searched], np.where(is_off, config.max_static_misfit, 0.0)[searched]
-
-
-def _move_by_third(state: FlowState, third: Third, labelled: Labelled, config: RigidFlowConfig) -> None:
-    """Move what the second sweep no longer sees, and what is too slow to show in it, by the third sweep.
-
-    Args:
-        state: The sweeps, and their motion, which is written to.
-        third: The third sweep.
-        labelled: The points of the first sweep and their components.
-        config: The method's settings.
-    """
-    still = ~state.shift_m.any(axis=1) & (labelled.group >= 0)
-    labelled = Labelled(labelled.point[still], labelled.group[still])
-    component = np.flatnonzero(np.bincount(labelled.group) >= config.icp.min_pairs)
-    labelled = labelled.among(component)
-    points = sample_surface(state, labelled, len(component), config.screen_points, config)
-    off = misfit(points, third.state.target_tree, static_poses(points.groups)) > config.max_static_misfit
-    component = np.flatnonzero(off)
-    labelled = labelled.among(component)
-    target_m = _unclaimed(
-        third.state, state.source_m[~np.isin(np.arange(len(state.source_m)), labelled.point)], labelled
-    )
-    if not len(component) or not len(target_m):
-        return
-    floor = np.full(len(component), config.max_static_misfit)
-    found = search_poses(
-        third.state,
-        labelled,
-        Candidates(target_m, np.full(len(target_m), -1)),
-        floor,
-        1 - config.min_gain,
-        config,
-    )
-    found = found.select(~found.is_hidden)
-    moved, rest = misfits(
-        found.points, state.target_tree, scaled(found.points.groups, found.poses, 1 / third.ratio)
-    )
-    vanished = rest > config.evidence.vanished_misfit
-    found = found.select(
-        (moved <= config.evidence.confirmation * rest)
-        | (vanished & (found.cost < (1 - config.min_gain) ** 2 * found.rest))
-    )
-    poses = scaled(found.points.groups, found.poses, 1 / third.ratio)
-    state.move(labelled, found.group, found.points.groups, poses)
-
-
-def _unclaimed(state: FlowState, standing_m: Floats, labelled: Labelled) -> Floats:
-    """Return the points of the target near groups, less those at which something else stands."""
-    here_m = state.source_m[labelled.point]
-    if not len(here_m):
-        return state.target_m[:0]
-    low, high = here_m.min(axis=0) - state.max_shift_m, here_m.max(axis=0) + state.max_shift_m
-    near = state.target_m[((state.target_m >= low) & (state.target_m <= high)).all(axis=1)]
-    return near
 
 
 def occupies_most_cells(groups: Groups, poses: Poses, gain: Floats, cell_m: float) -> Bools:

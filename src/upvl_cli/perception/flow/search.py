@@ -196,7 +196,8 @@ def search_poses(
     points = sample_surface(state, labelled, len(floor), config.icp.coarse_points, config)
     rest, best = _misfits_so_far(state, labelled, points)
     center_m = group_means(candidates.xyz_m, candidates.group, len(floor))
-    tree = build_tree(candidates.xyz_m)
+    is_whole = len(candidates.xyz_m) == len(state.target_m)
+    tree = state.target_tree if is_whole else build_tree(candidates.xyz_m)
     poses = start_hypotheses(
         points.groups,
         np.flatnonzero(rest > floor),
@@ -208,9 +209,11 @@ def search_poses(
     poses = select_starts(points.groups, tree, poses, config.vote.starts, config.surface.max_distance_m)
     poses = icp(points, tree, poses, config.icp.coarse_radii_m, config.icp)
     poses = _best(points, tree, poses, state.max_shift_m, config)
+    limit = config.icp.slack * share * best
+    poses = poses[_cost(points, tree, poses, config.plausibility) < limit[poses.group]]
     stretched = _stretched(points.groups, poses, config.icp.stretch)
     poses = _best(points, tree, stretched, state.max_shift_m, config)
-    is_near = _cost(points, tree, poses, config.plausibility) < config.icp.slack * share * best[poses.group]
+    is_near = np.ones(len(poses.group), np.bool_)
     group = poses.group[is_near]
     labelled = labelled.among(group)
     points = sample_surface(state, labelled, len(group), config.icp.fine_points, config)
