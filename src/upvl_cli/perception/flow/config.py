@@ -35,6 +35,14 @@ class FlowSurfaceConfig(Config):
     max_distance_m: float = setting(
         "distance at which a misfit is cut off, and that of a point without a partner", "m", ge=0.05, le=20
     )
+    spacing_points: int = setting(
+        "points of a sweep at which its spacing is measured, roughly", ge=1, le=10**6
+    )
+    spacing_quantile: float = setting(
+        "share of these points that lie denser than what counts as the finest spacing of the sensor",
+        ge=0,
+        le=1,
+    )
     max_misfit: float = setting("point spacings at which the misfit of one point is cut off", gt=0, le=1000)
 
 
@@ -153,12 +161,6 @@ class FlowResidualConfig(Config):
 
     patch_m: float = setting("edge of the cubic patches that are tested for a residual", "m", ge=0.05, le=20)
     patch_points: int = setting("points of each patch that are tested at most", ge=1, le=1000)
-    min_spacing_rad: float = setting(
-        "finest angle between neighboring points of the LiDAR; closer residuals are skipped untested",
-        "rad",
-        ge=0,
-        le=1,
-    )
     min_points: int = setting(
         "source points that a component's unexplained patches, and then each part, must hold", ge=1, le=10**6
     )

@@ -73,6 +73,18 @@ def sample_groups(xyz_m: Floats, group_of_point: Ints, *, total: int, max_points
     return Groups(xyz_m[order[sampled]], np.cumsum(size) - size, size, center_m)
 
 
+def select_groups(groups: Groups, kept: Ints) -> Groups:
+    """Return some of the groups, numbered by their place in `kept`.
+
+    Args:
+        groups: The groups.
+        kept: (k,) numbers of groups.
+    """
+    _, point = group_members(groups, kept)
+    size = groups.size[kept]
+    return Groups(groups.xyz_m[point], np.cumsum(size) - size, size, groups.center_m[kept])
+
+
 def group_sums(values: Array, group: Ints, total: int) -> Array:
     """Return the (total, d) sums of the rows of (n, d) values over each group."""
     columns = [np.bincount(group, column, total) for column in values.T]
@@ -128,6 +140,8 @@ def apply_poses(groups: Groups, poses: Poses) -> tuple[Ints, Ints, Floats]:
     """
     item, point = group_members(groups, poses.group)
     local_m = groups.xyz_m[point] - groups.center_m[poses.group][item]
+    if not poses.yaw_rad.any():
+        return item, point, local_m + poses.center_m[item]
     return item, point, rotate_about_z(poses.yaw_rad[item], local_m) + poses.center_m[item]
 
 

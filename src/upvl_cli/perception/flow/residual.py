@@ -7,11 +7,25 @@ from scipy.spatial import cKDTree
 
 from upvl_cli.perception.clustering import dbscan_voxels
 from upvl_cli.perception.flow.config import RigidFlowConfig
-from upvl_cli.perception.flow.displacement_vote import mean_nearest_m
-from upvl_cli.perception.flow.groups import Poses, group_means, relabel, sample_groups, static_poses
+from upvl_cli.perception.flow.groups import (
+    Poses,
+    apply_poses,
+    group_means,
+    relabel,
+    sample_groups,
+    select_groups,
+    static_poses,
+)
 from upvl_cli.perception.flow.search import Candidates, FlowState, Labelled, sample_surface, search_poses
-from upvl_cli.perception.flow.surface import build_tree, estimate_surface, misfit
-from upvl_cli.perception.voxels import voxelize
+from upvl_cli.perception.flow.surface import (
+    Moved,
+    build_tree,
+    estimate_surface,
+    finest_spacing_rad,
+    misfit,
+    misfit_of_pairs,
+)
+from upvl_cli.perception.voxels import number_in_order, row_keys
 from upvl_cli.types import Bools, Floats, Ints
 
 
@@ -45,7 +59,7 @@ def move_parts(
     moved_tree = build_tree(state.source_m + state.shift_m) if state.shift_m.any() else state.source_tree
     unmatched = residual_mask(
         target_m,
-        np.zeros((len(target), 4)),
+        None,
         component_of_target[target],
         state.target_tree,
         moved_tree,
@@ -131,33 +145,47 @@ def _rest(state: FlowState, labelled: Labelled, part: Ints, config: RigidFlowCon
 
 
 def residual_mask(
-    xyz_m: Floats, motion: Floats, label: Ints, tree: cKDTree, other_tree: cKDTree, config: RigidFlowConfig
+    xyz_m: Floats,
+    motion: Floats | None,
+    label: Ints,
+    tree: cKDTree,
+    other_tree: cKDTree,
+    config: RigidFlowConfig,
 ) -> Bools:
     """Return which of (n,) points lie in small patches whose motion does not put them on the other sweep.
 
     Args:
         xyz_m: (n, 3) points.
-        motion: (n, 4) displacement in metres and turn in radians of each.
+        motion: (n, 4) displacement in metres and turn in radians of each; None at rest.
         label: (n,) points of different labels share no patch.
         tree: All points of the same sweep.
         other_tree: Points of the other sweep.
         config: Patches, surface and the largest misfit of what is explained.
     """
-    edge_m, patch_points = config.residual.patch_m, config.residual.patch_points
-    patch = voxelize(np.column_stack([xyz_m, (label + 0.5) * edge_m]), voxel_m=edge_m).of_point
-    total = int(patch.max(initial=-1)) + 1
-    groups = sample_groups(xyz_m, patch, total=total, max_points=patch_points)
-    motion = group_means(motion, patch, total)
-    poses = Poses(np.arange(total), motion[:, 3], groups.center_m + motion[:, :3])
-    range_m = np.linalg.norm(groups.center_m, axis=1)
+    if not len(xyz_m):
+        return np.zeros(0, np.bool_)
+    edge_m, max_distance_m = config.residual.patch_m, config.surface.max_distance_m
+    patch = number_in_order(row_keys(np.column_stack([np.floor(xyz_m / edge_m).astype(np.int64), label])))
+    total = int(patch.max()) + 1
+    groups = sample_groups(xyz_m, patch, total=total, max_points=config.residual.patch_points)
+    poses = static_poses(groups)
+    if motion is not None:
+        mean = group_means(motion, patch, total)
+        poses = Poses(poses.group, mean[:, 3], groups.center_m + mean[:, :3])
+    item, point, moved_m = apply_poses(groups, poses)
+    distance_m, partner = other_tree.query(moved_m, distance_upper_bound=max_distance_m)
+    mean_m = np.bincount(item, np.minimum(distance_m, max_distance_m), total) / groups.size
     # No point spacing is finer: patches within this distance are explained without a surface estimate.
-    near_m = config.max_static_misfit * (
-        config.surface.range_noise_m + config.residual.min_spacing_rad * range_m
+    spacing_rad = finest_spacing_rad(tree.data, tree, config.surface)
+    finest_m = spacing_rad * np.linalg.norm(groups.center_m, axis=1)
+    far = np.flatnonzero(mean_m > config.max_static_misfit * (config.surface.range_noise_m + finest_m))
+    surface = estimate_surface(select_groups(groups, far), tree, config.surface)
+    near = relabel(item, far)
+    kept = near >= 0
+    moved = Moved(
+        near[kept], np.arange(np.count_nonzero(kept)), moved_m[kept], distance_m[kept], partner[kept]
     )
-    distance_m = mean_nearest_m(groups, other_tree, poses, config.surface.max_distance_m)
-    far = np.flatnonzero(distance_m > near_m)
-    patch = relabel(patch, far)
-    groups = sample_groups(xyz_m, patch, total=len(far), max_points=patch_points)
-    points = estimate_surface(groups, tree, config.surface)
     poses = Poses(np.arange(len(far)), poses.yaw_rad[far], poses.center_m[far])
-    return np.append(misfit(points, other_tree, poses) > config.max_static_misfit, False)[patch]
+    is_off = np.zeros(total, np.bool_)
+    is_off[far] = misfit_of_pairs(surface, other_tree, poses, moved) > config.max_static_misfit
+    return is_off[patch]

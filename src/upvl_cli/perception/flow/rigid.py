@@ -47,9 +47,7 @@ def estimate_rigid_flow(
     )
     of_source, of_target = np.split(component, [total])
     labelled = Labelled(np.arange(total), of_source)
-    is_residual = residual_mask(
-        source_xyz_m, np.zeros((total, 4)), of_source, state.source_tree, state.target_tree, config
-    )
+    is_residual = residual_mask(source_xyz_m, None, of_source, state.source_tree, state.target_tree, config)
     screen = screen_components(state, labelled, is_residual, config)
     third = third_sweep(state, others, config)
     _move_components(state, third, labelled, of_target, screen, config)
