@@ -134,6 +134,10 @@ class FlowEvidenceConfig(Config):
     min_end_ratio: float = setting(
         "shift of one end of a long side as a share of the shift of its other end, at least", ge=0, le=1
     )
+    mixed_share: float = setting(
+        "share of a moved component that is explained at rest alone, above which a part of it stands", ge=0, le=1
+    )
+    mixed_ratio: float = setting("the same, as a share of what its motion leaves unexplained", ge=0, le=1)
     slow_misfit: float = setting(
         "misfit at rest to the second sweep from which a component is tried with the third one", ge=0, le=100
     )
@@ -197,6 +201,12 @@ class RigidFlowConfig(Config):
         "edge of the cells in which only one moved component can be: the one that explains most keeps them",
         "m",
         ge=0.05,
+        le=20,
+    )
+    spread_m: float = setting(
+        "unexplained points up to this far from a moving thing share its motion where that explains them",
+        "m",
+        ge=0,
         le=20,
     )
     surface: FlowSurfaceConfig = table("surface estimates and misfit")

@@ -17,6 +17,7 @@ from upvl_cli.perception.flow.groups import (
     static_poses,
 )
 from upvl_cli.perception.flow.search import Candidates, FlowState, Labelled, sample_surface, search_poses
+from upvl_cli.perception.flow.spread import rest_where_explained
 from upvl_cli.perception.flow.surface import (
     Moved,
     build_tree,
@@ -50,6 +51,8 @@ def move_parts(
         config: The method's settings.
     """
     has_residual = _remaining(state, component_of_source, is_residual, config)
+    rest_where_explained(state, component_of_source, is_residual, has_residual, config.evidence)
+    has_residual &= is_residual | state.shift_m.any(axis=1)
     split = np.flatnonzero(np.bincount(component_of_source[has_residual]) >= config.residual.min_points)
     source = np.flatnonzero(np.isin(component_of_source, split))
     target = np.flatnonzero(np.isin(component_of_target, split))

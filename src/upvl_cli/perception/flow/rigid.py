@@ -19,6 +19,7 @@ from upvl_cli.perception.flow.groups import Groups, Poses, apply_poses, relabel
 from upvl_cli.perception.flow.residual import move_parts, residual_mask
 from upvl_cli.perception.flow.screen import Screen, screen_components
 from upvl_cli.perception.flow.search import Candidates, FlowState, Labelled, search_poses
+from upvl_cli.perception.flow.spread import spread_motion
 from upvl_cli.perception.flow.sweeps import OtherSweep
 from upvl_cli.perception.flow.third import Third, move_by_third, third_sweep
 from upvl_cli.perception.voxels import voxelize
@@ -54,6 +55,7 @@ def estimate_rigid_flow(
     if third is not None:
         move_by_third(state, third, labelled, screen, config)
     move_parts(state, of_source, of_target, is_residual, config)
+    spread_motion(state, third, is_residual, config)
     return state.shift_m / dt_s
 
 
