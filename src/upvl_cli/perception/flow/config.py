@@ -75,6 +75,11 @@ class FlowIcpConfig(Config):
     fine_radii_m: tuple[float, ...] = setting(
         "correspondence radius of each step of the fine pass, from wide to narrow", "m", gt=0, le=100
     )
+    radius_spacings: float = setting(
+        "a correspondence radius is at least this many spacings of the point, up to the first radius of its pass",
+        ge=0,
+        le=100,
+    )
     stretch: tuple[float, ...] = setting(
         "factors by which the shift of the coarse pass is tried again: long sides hold it back", ge=0.1, le=10
     )
@@ -135,7 +140,9 @@ class FlowEvidenceConfig(Config):
         "shift of one end of a long side as a share of the shift of its other end, at least", ge=0, le=1
     )
     mixed_share: float = setting(
-        "share of a moved component that is explained at rest alone, above which a part of it stands", ge=0, le=1
+        "share of a moved component that is explained at rest alone, above which a part of it stands",
+        ge=0,
+        le=1,
     )
     mixed_ratio: float = setting("the same, as a share of what its motion leaves unexplained", ge=0, le=1)
     slow_misfit: float = setting(

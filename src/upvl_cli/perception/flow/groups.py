@@ -152,7 +152,6 @@ def relabel(label: Ints, kept: Ints) -> Ints:
         label: (n,) labels.
         kept: (k,) labels that stay.
     """
-    if not len(kept):
-        return np.full(len(label), -1)
-    index = np.minimum(np.searchsorted(kept, label), len(kept) - 1)
-    return np.where(kept[index] == label, index, -1)
+    place = np.full(int(max(label.max(initial=-1), kept.max(initial=-1))) + 2, -1)  # the last is that of -1
+    place[kept] = np.arange(len(kept))
+    return place[label]
