@@ -54,6 +54,12 @@ class FlowVoteConfig(Config):
         "points of the other sweep that vote for one group at most, roughly", ge=1, le=10**6
     )
     cell_m: float = setting("edge of the cells of the displacement histogram", "m", ge=0.02, le=10)
+    min_distance_m: float = setting(
+        "mean distance of a group to the other sweep at rest, up to which it needs no vote: ICP gets there from rest",
+        "m",
+        ge=0,
+        le=10,
+    )
     max_rise_m: float = setting("pairs of points whose heights differ by more do not vote", "m", gt=0, le=10)
     peaks: int = setting("highest cells of the histogram that become start hypotheses", ge=1, le=100)
     starts: int = setting(

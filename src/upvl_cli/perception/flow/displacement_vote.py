@@ -7,12 +7,13 @@ from scipy.spatial import cKDTree
 
 from upvl_cli.perception.flow.config import FlowVoteConfig
 from upvl_cli.perception.flow.groups import Groups, Poses, apply_poses
-from upvl_cli.types import Array, Floats, Ints
+from upvl_cli.types import Array, Bools, Floats, Ints
 
 
 def start_hypotheses(
     groups: Groups,
     chosen: Ints,
+    votes: Bools,
     target_m: Floats,
     target_center_m: Floats,
     max_shift_m: float,
@@ -23,6 +24,7 @@ def start_hypotheses(
     Args:
         groups: Points to move.
         chosen: (k,) the groups, ascending.
+        votes: (g,) whether the points of each group vote; else it has the other hypotheses alone.
         target_m: (m, 3) points of the other sweep that they may correspond to.
         target_center_m: (g, 3) center of the points of each component in the other sweep; NaN where there are none.
         max_shift_m: Displacements longer than this do not vote.
@@ -31,13 +33,10 @@ def start_hypotheses(
     group, shift_m = [np.zeros(0, np.int64)], [np.zeros((0, 2))]
     for number in chosen:
         first = groups.first[number]
-        shifts = np.concatenate(
-            [
-                np.zeros((1, 2)),
-                (target_center_m - groups.center_m)[number : number + 1, :2],
-                _vote(groups.xyz_m[first : first + groups.size[number]], target_m, max_shift_m, config),
-            ]
-        )
+        shifts = np.stack([np.zeros(2), (target_center_m[number] - groups.center_m[number])[:2]])
+        if votes[number]:
+            xyz_m = groups.xyz_m[first : first + groups.size[number]]
+            shifts = np.concatenate([shifts, _vote(xyz_m, target_m, max_shift_m, config)])
         shifts = shifts[np.isfinite(shifts).all(axis=1)]
         group.append(np.full(len(shifts), number))
         shift_m.append(shifts)

@@ -26,12 +26,14 @@ from upvl_cli.perception.flow.surface import (
     misfit,
     misfit_of_pairs,
 )
+from upvl_cli.perception.flow.third import Third
 from upvl_cli.perception.voxels import number_in_order, row_keys
 from upvl_cli.types import Bools, Floats, Ints
 
 
 def move_parts(
     state: FlowState,
+    third: Third | None,
     component_of_source: Ints,
     component_of_target: Ints,
     is_residual: Bools,
@@ -45,6 +47,7 @@ def move_parts(
 
     Args:
         state: The sweeps, and their motion so far, which is written to.
+        third: A third sweep; what it explains at rest has no motion of its own.
         component_of_source: (n,) component of each point of the first sweep, -1 for none.
         component_of_target: (m,) the same for the second.
         is_residual: (n,) which points of the first sweep the second does not explain at rest.
@@ -53,6 +56,16 @@ def move_parts(
     has_residual = _remaining(state, component_of_source, is_residual, config)
     rest_where_explained(state, component_of_source, is_residual, has_residual, config.evidence)
     has_residual &= is_residual | state.shift_m.any(axis=1)
+    if third is not None:
+        at_rest = np.flatnonzero(has_residual & ~state.shift_m.any(axis=1))
+        has_residual[at_rest] = residual_mask(
+            state.source_m[at_rest],
+            None,
+            component_of_source[at_rest],
+            state.source_tree,
+            third.state.target_tree,
+            config,
+        )
     split = np.flatnonzero(np.bincount(component_of_source[has_residual]) >= config.residual.min_points)
     source = np.flatnonzero(np.isin(component_of_source, split))
     target = np.flatnonzero(np.isin(component_of_target, split))

@@ -54,7 +54,7 @@ def estimate_rigid_flow(
     _move_components(state, third, labelled, of_target, screen, config)
     if third is not None:
         move_by_third(state, third, labelled, screen, config)
-    move_parts(state, of_source, of_target, is_residual, config)
+    move_parts(state, third, of_source, of_target, is_residual, config)
     spread_motion(state, third, is_residual, config)
     return state.shift_m / dt_s
 
@@ -78,6 +78,8 @@ def _move_components(
         config: The method's settings.
     """
     is_off = screen.misfit > config.max_static_misfit
+    if third is not None:  # what the third sweep explains at rest stands: something hides it in the second
+        is_off[is_off] = third.misfit_at_rest(screen.points, is_off) > config.max_static_misfit
     # Without a third sweep nothing confirms that a long side slides along itself.
     slides = (
         np.zeros_like(is_off)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from upvl_cli.perception.flow.config import FlowPlausibilityConfig, RigidFlowConfig
-from upvl_cli.perception.flow.displacement_vote import select_starts, start_hypotheses
+from upvl_cli.perception.flow.displacement_vote import mean_nearest_m, select_starts, start_hypotheses
 from upvl_cli.perception.flow.groups import (
     Groups,
     Poses,
@@ -198,9 +198,11 @@ def search_poses(
     center_m = group_means(candidates.xyz_m, candidates.group, len(floor))
     is_whole = len(candidates.xyz_m) == len(state.target_m)
     tree = state.target_tree if is_whole else build_tree(candidates.xyz_m)
+    rest_m = mean_nearest_m(points.groups, state.target_tree, static_poses(points.groups), config.vote.cell_m)
     poses = start_hypotheses(
         points.groups,
         np.flatnonzero(rest > floor),
+        rest_m > config.vote.min_distance_m,
         candidates.xyz_m,
         center_m,
         state.max_shift_m,

@@ -11,9 +11,9 @@ from upvl_cli.perception.flow.config import RigidFlowConfig
 from upvl_cli.perception.flow.groups import Groups, Poses, static_poses
 from upvl_cli.perception.flow.screen import Screen
 from upvl_cli.perception.flow.search import Candidates, FlowState, Found, Labelled, search_poses
-from upvl_cli.perception.flow.surface import misfit
+from upvl_cli.perception.flow.surface import LocalSurface, misfit
 from upvl_cli.perception.flow.sweeps import OtherSweep
-from upvl_cli.types import Floats
+from upvl_cli.types import Array, Floats
 
 
 class Third(NamedTuple):
@@ -34,6 +34,15 @@ class Third(NamedTuple):
             found: Poses in the second sweep.
         """
         return _misfits(self.state, found, self.ratio)
+
+    def misfit_at_rest(self, points: LocalSurface, chosen: Array) -> Floats:
+        """Return the misfits to this sweep of some groups at rest.
+
+        Args:
+            points: Samples of groups.
+            chosen: Mask or numbers of groups.
+        """
+        return misfit(points, self.state.target_tree, static_poses(points.groups)[chosen])
 
 
 def third_sweep(state: FlowState, others: Sequence[OtherSweep], config: RigidFlowConfig) -> Third | None:
@@ -62,14 +71,14 @@ def move_by_third(
         screen: How well components fit the second sweep at rest.
         config: The method's settings.
     """
-    evidence, tree = config.evidence, third.state.target_tree
+    evidence = config.evidence
     moved = np.unique(labelled.group[state.shift_m.any(axis=1)])
     unsure = np.flatnonzero(
         (screen.misfit > evidence.slow_misfit)
         & (screen.size >= evidence.slow_points)
         & ~np.isin(screen.component, moved)
     )
-    off = misfit(screen.points, tree, static_poses(screen.points.groups)[unsure]) > config.max_static_misfit
+    off = third.misfit_at_rest(screen.points, unsure) > config.max_static_misfit
     component = screen.component[unsure[off]]
     if not len(component):
         return
