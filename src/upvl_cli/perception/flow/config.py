@@ -142,6 +142,9 @@ class FlowEvidenceConfig(Config):
         "points that must speak for it, as a share of those that were sampled", ge=0, le=1
     )
     min_odds: float = setting("points that speak for it, for each that speaks against it", ge=0, le=1000)
+    end_points: int = setting(
+        "points of a component at which its ends are looked for, at most", ge=2, le=10**6
+    )
     min_end_ratio: float = setting(
         "shift of one end of a long side as a share of the shift of its other end, at least", ge=0, le=1
     )

@@ -10,7 +10,6 @@ from upvl_cli.perception.flow.groups import (
     Groups,
     Poses,
     apply_poses,
-    group_means,
     group_sums,
     relabel,
     rotate_about_z,
@@ -79,16 +78,17 @@ def has_end_shifts(
     """
     kept = np.flatnonzero(chosen)
     labelled, of_target = labelled.among(kept), relabel(of_target, kept)
-    target = np.flatnonzero(of_target >= 0)
-    here_m, there_m = state.source_m[labelled.point, :2], state.target_m[target, :2]
-    arm_m = here_m - group_means(here_m, labelled.group, len(kept))[labelled.group]
-    squares = np.column_stack([arm_m[:, 0] ** 2 - arm_m[:, 1] ** 2, 2 * arm_m[:, 0] * arm_m[:, 1]])
-    x, y = group_sums(squares, labelled.group, len(kept)).T
-    axis = np.column_stack([np.cos(np.arctan2(y, x) / 2), np.sin(np.arctan2(y, x) / 2)])
-    group = of_target[target]
-    here = _ends((here_m * axis[labelled.group]).sum(axis=1), labelled.group, len(kept))
-    there = _ends((there_m * axis[group]).sum(axis=1), group, len(kept))
-    shift_m = there - here
+    total, target = len(kept), np.flatnonzero(of_target >= 0)
+    sides = ((state.source_m[labelled.point], labelled.group), (state.target_m[target], of_target[target]))
+    here, there = (
+        sample_groups(xyz_m, group, total=total, max_points=config.end_points) for xyz_m, group in sides
+    )
+    group = np.repeat(np.arange(total), here.size)
+    x, y, _ = (here.xyz_m - here.center_m[group]).T
+    cos, sin = group_sums(np.column_stack([x * x - y * y, 2 * x * y]), group, total).T
+    axis_rad = np.arctan2(sin, cos) / 2
+    here_m, there_m = (_ends(groups, axis_rad) for groups in (here, there))
+    shift_m = there_m - here_m
     longer_m, shorter_m = np.abs(shift_m).max(axis=1), np.abs(shift_m).min(axis=1)
     is_shift = (
         (shift_m.prod(axis=1) > 0)
@@ -101,13 +101,15 @@ def has_end_shifts(
     return found
 
 
-def _ends(along_m: Floats, group: Ints, total: int) -> Floats:
-    """Return the (g, 2) percentiles 2 and 98 of values by group; NaN where a group has none."""
-    order = np.lexsort((along_m, group))
-    size = np.bincount(group, minlength=total)
-    first = np.cumsum(size) - size
+def _ends(groups: Groups, axis_rad: Floats) -> Floats:
+    """Return the (g, 2) percentiles 2 and 98 of points along the (g,) axis of each group; NaN where it has none."""
+    total = len(groups.size)
+    group = np.repeat(np.arange(total), groups.size)
+    along_m = np.cos(axis_rad)[group] * groups.xyz_m[:, 0] + np.sin(axis_rad)[group] * groups.xyz_m[:, 1]
+    along_m = along_m[np.lexsort((along_m, group))]
     ends: Floats = np.full((total, 2), np.nan)
+    filled = groups.size > 0
     for column, share in enumerate(END_SHARES):
-        row = first + (share * np.maximum(size - 1, 0)).astype(np.int64)
-        ends[size > 0, column] = along_m[order[row[size > 0]]]
+        row = groups.first + (share * np.maximum(groups.size - 1, 0)).astype(np.int64)
+        ends[filled, column] = along_m[row[filled]]
     return ends

@@ -22,7 +22,6 @@ from upvl_cli.perception.flow.surface import (
     Moved,
     build_tree,
     estimate_surface,
-    finest_spacing_rad,
     misfit,
     misfit_of_pairs,
 )
@@ -55,15 +54,15 @@ def move_parts(
     """
     has_residual = _remaining(state, component_of_source, is_residual, config)
     rest_where_explained(state, component_of_source, is_residual, has_residual, config.evidence)
-    has_residual &= is_residual | state.shift_m.any(axis=1)
+    has_residual &= is_residual | state.moves()
     if third is not None:
-        at_rest = np.flatnonzero(has_residual & ~state.shift_m.any(axis=1))
+        at_rest = np.flatnonzero(has_residual & ~state.moves())
         has_residual[at_rest] = residual_mask(
             state.source_m[at_rest],
             None,
             component_of_source[at_rest],
-            state.source_tree,
-            third.state.target_tree,
+            (state.source_tree, third.state.target_tree),
+            state.finest_rad,
             config,
         )
     split = np.flatnonzero(np.bincount(component_of_source[has_residual]) >= config.residual.min_points)
@@ -77,13 +76,13 @@ def move_parts(
         target_m,
         None,
         component_of_target[target],
-        state.target_tree,
-        moved_tree,
+        (state.target_tree, moved_tree),
+        state.finest_rad,
         config,
     )
     # A component whose points in the second sweep are all explained has nowhere to go.
     is_open = np.isin(component_of_source[source], component_of_target[target[unmatched]])
-    source = source[is_open & (has_residual | state.shift_m.any(axis=1))[source]]
+    source = source[is_open & (has_residual | state.moves())[source]]
     candidate_m = target_m[unmatched]
     part = dbscan_voxels(
         np.concatenate([state.source_m[source], candidate_m]),
@@ -108,11 +107,16 @@ def _remaining(state: FlowState, component: Ints, is_residual: Bools, config: Ri
         is_residual: (n,) which points it does not explain at rest.
         config: The method's settings.
     """
-    moved = np.flatnonzero((component >= 0) & state.shift_m.any(axis=1))
+    moved = np.flatnonzero((component >= 0) & state.moves())
     remaining = is_residual & (component >= 0)
     motion = np.column_stack([state.shift_m, state.yaw_rad])[moved]
     remaining[moved] = residual_mask(
-        state.source_m[moved], motion, component[moved], state.source_tree, state.target_tree, config
+        state.source_m[moved],
+        motion,
+        component[moved],
+        (state.source_tree, state.target_tree),
+        state.finest_rad,
+        config,
     )
     return remaining
 
@@ -146,7 +150,7 @@ def _rest(state: FlowState, labelled: Labelled, part: Ints, config: RigidFlowCon
         part: (k,) parts.
         config: The method's settings.
     """
-    moving = np.unique(labelled.group[state.shift_m[labelled.point].any(axis=1)])
+    moving = np.unique(labelled.group[state.moves()[labelled.point]])
     part = np.intersect1d(part, moving)
     labelled = labelled.among(part)
     points = sample_surface(state, labelled, len(part), config.icp.fine_points, config)
@@ -164,8 +168,8 @@ def residual_mask(
     xyz_m: Floats,
     motion: Floats | None,
     label: Ints,
-    tree: cKDTree,
-    other_tree: cKDTree,
+    trees: tuple[cKDTree, cKDTree],
+    finest_rad: float,
     config: RigidFlowConfig,
 ) -> Bools:
     """Return which of (n,) points lie in small patches whose motion does not put them on the other sweep.
@@ -174,14 +178,16 @@ def residual_mask(
         xyz_m: (n, 3) points.
         motion: (n, 4) displacement in metres and turn in radians of each; None at rest.
         label: (n,) points of different labels share no patch.
-        tree: All points of the same sweep.
-        other_tree: Points of the other sweep.
+        trees: All points of the same sweep, and those of the other one.
+        finest_rad: Angle between the points of the sweep where they lie densest.
         config: Patches, surface and the largest misfit of what is explained.
     """
     if not len(xyz_m):
         return np.zeros(0, np.bool_)
+    tree, other_tree = trees
     edge_m, max_distance_m = config.residual.patch_m, config.surface.max_distance_m
-    patch = number_in_order(row_keys(np.column_stack([np.floor(xyz_m / edge_m).astype(np.int64), label])))
+    cells = np.floor(np.ascontiguousarray(xyz_m.T) / edge_m).astype(np.int64)
+    patch = number_in_order(row_keys(np.concatenate([cells, label[None]]).T))
     total = int(patch.max()) + 1
     groups = sample_groups(xyz_m, patch, total=total, max_points=config.residual.patch_points)
     poses = static_poses(groups)
@@ -192,8 +198,7 @@ def residual_mask(
     distance_m, partner = other_tree.query(moved_m, distance_upper_bound=max_distance_m)
     mean_m = np.bincount(item, np.minimum(distance_m, max_distance_m), total) / groups.size
     # No point spacing is finer: patches within this distance are explained without a surface estimate.
-    spacing_rad = finest_spacing_rad(tree.data, tree, config.surface)
-    finest_m = spacing_rad * np.linalg.norm(groups.center_m, axis=1)
+    finest_m = finest_rad * np.linalg.norm(groups.center_m, axis=1)
     far = np.flatnonzero(mean_m > config.max_static_misfit * (config.surface.range_noise_m + finest_m))
     surface = estimate_surface(select_groups(groups, far), tree, config.surface)
     near = relabel(item, far)

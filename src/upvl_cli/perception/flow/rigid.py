@@ -39,7 +39,7 @@ def estimate_rigid_flow(
     total, (target_xyz_m, dt_s) = len(source_xyz_m), others[0]
     if not total or not len(target_xyz_m):
         return np.zeros((total, 3))
-    state = FlowState.at_rest(source_xyz_m, target_xyz_m, config.max_speed_mps * abs(dt_s))
+    state = FlowState.at_rest(source_xyz_m, target_xyz_m, config.max_speed_mps * abs(dt_s), config.surface)
     component = dbscan_voxels(
         np.concatenate([source_xyz_m, target_xyz_m]),
         eps_m=config.eps_m,
@@ -48,7 +48,8 @@ def estimate_rigid_flow(
     )
     of_source, of_target = np.split(component, [total])
     labelled = Labelled(np.arange(total), of_source)
-    is_residual = residual_mask(source_xyz_m, None, of_source, state.source_tree, state.target_tree, config)
+    trees = state.source_tree, state.target_tree
+    is_residual = residual_mask(source_xyz_m, None, of_source, trees, state.finest_rad, config)
     screen = screen_components(state, labelled, is_residual, config)
     third = third_sweep(state, others, config)
     _move_components(state, third, labelled, of_target, screen, config)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from upvl_cli.perception.flow.config import FlowPlausibilityConfig, RigidFlowConfig
+from upvl_cli.perception.flow.config import FlowPlausibilityConfig, FlowSurfaceConfig, RigidFlowConfig
 from upvl_cli.perception.flow.displacement_vote import mean_nearest_m, select_starts, start_hypotheses
 from upvl_cli.perception.flow.groups import (
     Groups,
@@ -24,6 +24,7 @@ from upvl_cli.perception.flow.surface import (
     LocalSurface,
     build_tree,
     estimate_surface,
+    finest_spacing_rad,
     misfit,
     observable_share,
 )
@@ -42,6 +43,7 @@ class FlowState:
         shift_m: (n, 3) displacement of each point so far.
         yaw_rad: (n,) turn about the vertical of the object that each point belongs to.
         max_shift_m: Length of the longest motion that is searched for.
+        finest_rad: Angle between the points of the first sweep where they lie densest.
     """
 
     source_m: Floats
@@ -51,19 +53,29 @@ class FlowState:
     shift_m: Floats
     yaw_rad: Floats
     max_shift_m: float
+    finest_rad: float
 
     @classmethod
-    def at_rest(cls, source_m: Floats, target_m: Floats, max_shift_m: float) -> FlowState:
+    def at_rest(
+        cls, source_m: Floats, target_m: Floats, max_shift_m: float, config: FlowSurfaceConfig
+    ) -> FlowState:
         """Return the state in which nothing has moved."""
         total = len(source_m)
         trees = build_tree(source_m), build_tree(target_m)
-        return cls(source_m, target_m, *trees, np.zeros((total, 3)), np.zeros(total), max_shift_m)
+        finest_rad = finest_spacing_rad(source_m, trees[0], config)
+        return cls(source_m, target_m, *trees, np.zeros((total, 3)), np.zeros(total), max_shift_m, finest_rad)
 
     def toward(self, target_m: Floats, max_shift_m: float) -> FlowState:
         """Return the state at rest of the same sweep with another target."""
         total = len(self.source_m)
+        rest = np.zeros((total, 3)), np.zeros(total)
         trees = self.source_tree, build_tree(target_m)
-        return FlowState(self.source_m, target_m, *trees, np.zeros((total, 3)), np.zeros(total), max_shift_m)
+        return FlowState(self.source_m, target_m, *trees, *rest, max_shift_m, self.finest_rad)
+
+    def moves(self) -> Bools:
+        """Return (n,) which points of the source move."""
+        x, y, z = self.shift_m.T
+        return np.asarray((x != 0) | (y != 0) | (z != 0))
 
     def poses(self, labelled: Labelled, groups: Groups) -> Poses:
         """Return the mean pose of groups by the motion so far.

@@ -48,7 +48,7 @@ def spread_motion(state: FlowState, third: Third | None, is_residual: Bools, con
         is_residual: (n,) which points the second sweep does not explain at rest.
         config: How far a motion spreads, and how much nearer it must bring a point.
     """
-    moves = state.shift_m.any(axis=1)
+    moves = state.moves()
     moving, open_ = np.flatnonzero(moves), np.flatnonzero(is_residual & ~moves)
     if not len(moving) or not len(open_):
         return

@@ -72,7 +72,7 @@ def move_by_third(
         config: The method's settings.
     """
     evidence = config.evidence
-    moved = np.unique(labelled.group[state.shift_m.any(axis=1)])
+    moved = np.unique(labelled.group[state.moves()])
     unsure = np.flatnonzero(
         (screen.misfit > evidence.slow_misfit)
         & (screen.size >= evidence.slow_points)
