@@ -52,18 +52,23 @@ def move_parts(
         is_residual: (n,) which points of the first sweep the second does not explain at rest.
         config: The method's settings.
     """
+    explained = config.residual.max_misfit
     has_residual = _remaining(state, component_of_source, is_residual, config)
     rest_where_explained(state, component_of_source, is_residual, has_residual, config.evidence)
     has_residual &= is_residual | state.moves()
     if third is not None:
         at_rest = np.flatnonzero(has_residual & ~state.moves())
-        has_residual[at_rest] = residual_mask(
-            state.source_m[at_rest],
-            None,
-            component_of_source[at_rest],
-            (state.source_tree, third.state.target_tree),
-            state.finest_rad,
-            config,
+        has_residual[at_rest] = (
+            residual_misfit(
+                state.source_m[at_rest],
+                None,
+                component_of_source[at_rest],
+                (state.source_tree, third.state.target_tree),
+                state.finest_rad,
+                explained,
+                config,
+            )
+            > explained
         )
     split = np.flatnonzero(np.bincount(component_of_source[has_residual]) >= config.residual.min_points)
     source = np.flatnonzero(np.isin(component_of_source, split))
@@ -72,13 +77,17 @@ def move_parts(
         return
     target_m = state.target_m[target]
     moved_tree = build_tree(state.source_m + state.shift_m) if state.shift_m.any() else state.source_tree
-    unmatched = residual_mask(
-        target_m,
-        None,
-        component_of_target[target],
-        (state.target_tree, moved_tree),
-        state.finest_rad,
-        config,
+    unmatched = (
+        residual_misfit(
+            target_m,
+            None,
+            component_of_target[target],
+            (state.target_tree, moved_tree),
+            state.finest_rad,
+            explained,
+            config,
+        )
+        > explained
     )
     # A component whose points in the second sweep are all explained has nowhere to go.
     is_open = np.isin(component_of_source[source], component_of_target[target[unmatched]])
@@ -107,16 +116,21 @@ def _remaining(state: FlowState, component: Ints, is_residual: Bools, config: Ri
         is_residual: (n,) which points it does not explain at rest.
         config: The method's settings.
     """
+    explained = config.residual.max_misfit
     moved = np.flatnonzero((component >= 0) & state.moves())
     remaining = is_residual & (component >= 0)
     motion = np.column_stack([state.shift_m, state.yaw_rad])[moved]
-    remaining[moved] = residual_mask(
-        state.source_m[moved],
-        motion,
-        component[moved],
-        (state.source_tree, state.target_tree),
-        state.finest_rad,
-        config,
+    remaining[moved] = (
+        residual_misfit(
+            state.source_m[moved],
+            motion,
+            component[moved],
+            (state.source_tree, state.target_tree),
+            state.finest_rad,
+            explained,
+            config,
+        )
+        > explained
     )
     return remaining
 
@@ -164,15 +178,16 @@ def _rest(state: FlowState, labelled: Labelled, part: Ints, config: RigidFlowCon
     state.move(labelled, rests, points.groups, rest[rests])
 
 
-def residual_mask(
+def residual_misfit(
     xyz_m: Floats,
     motion: Floats | None,
     label: Ints,
     trees: tuple[cKDTree, cKDTree],
     finest_rad: float,
+    floor: float,
     config: RigidFlowConfig,
-) -> Bools:
-    """Return which of (n,) points lie in small patches whose motion does not put them on the other sweep.
+) -> Floats:
+    """Return the (n,) misfits of the small patches that points lie in, moved by their motion, to the other sweep.
 
     Args:
         xyz_m: (n, 3) points.
@@ -180,10 +195,11 @@ def residual_mask(
         label: (n,) points of different labels share no patch.
         trees: All points of the same sweep, and those of the other one.
         finest_rad: Angle between the points of the sweep where they lie densest.
-        config: Patches, surface and the largest misfit of what is explained.
+        floor: Misfits that are surely lower are given as 0: patches without a surface estimate.
+        config: Patches and surface.
     """
     if not len(xyz_m):
-        return np.zeros(0, np.bool_)
+        return np.zeros(0)
     tree, other_tree = trees
     edge_m, max_distance_m = config.residual.patch_m, config.surface.max_distance_m
     cells = np.floor(np.ascontiguousarray(xyz_m.T) / edge_m).astype(np.int64)
@@ -199,7 +215,7 @@ def residual_mask(
     mean_m = np.bincount(item, np.minimum(distance_m, max_distance_m), total) / groups.size
     # No point spacing is finer: patches within this distance are explained without a surface estimate.
     finest_m = finest_rad * np.linalg.norm(groups.center_m, axis=1)
-    far = np.flatnonzero(mean_m > config.max_static_misfit * (config.surface.range_noise_m + finest_m))
+    far = np.flatnonzero(mean_m > floor * (config.surface.range_noise_m + finest_m))
     surface = estimate_surface(select_groups(groups, far), tree, config.surface)
     near = relabel(item, far)
     kept = near >= 0
@@ -207,6 +223,6 @@ def residual_mask(
         near[kept], np.arange(np.count_nonzero(kept)), moved_m[kept], distance_m[kept], partner[kept]
     )
     poses = Poses(np.arange(len(far)), poses.yaw_rad[far], poses.center_m[far])
-    is_off = np.zeros(total, np.bool_)
-    is_off[far] = misfit_of_pairs(surface, other_tree, poses, moved) > config.max_static_misfit
-    return is_off[patch]
+    off: Floats = np.zeros(total)
+    off[far] = misfit_of_pairs(surface, other_tree, poses, moved)
+    return off[patch]

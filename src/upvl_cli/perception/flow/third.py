@@ -78,7 +78,7 @@ def move_by_third(
         & (screen.size >= evidence.slow_points)
         & ~np.isin(screen.component, moved)
     )
-    off = third.misfit_at_rest(screen.points, unsure) > config.max_static_misfit
+    off = third.misfit_at_rest(screen.points, unsure) > evidence.third_misfit
     component = screen.component[unsure[off]]
     if not len(component):
         return
