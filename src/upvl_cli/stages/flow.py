@@ -109,4 +109,6 @@ def _triples(inputs: Inputs, min_interval_s: float, confirm_interval_s: float) -
         yield SweepTriple(*sweeps[step], tuple(seen))
 
 
-STAGE = Stage(name="flow", run=run, config=FlowConfig, row=FlowRow, reads=("raw", "odometry", "ground"))
+STAGE = Stage(
+    name="flow", run=run, config=FlowConfig, row=FlowRow, reads=("raw", "odometry", "ground"), version=2
+)
