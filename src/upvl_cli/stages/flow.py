@@ -16,6 +16,7 @@ from upvl_cli.stages.rows import FlowRow, GroundRow, OdometryRow
 
 if TYPE_CHECKING:
     from pathlib import Path
+
     from upvl_cli.perception.flow.sweeps import OtherSweep
     from upvl_cli.pipeline.stage import Inputs
     from upvl_cli.types import Array, Floats
