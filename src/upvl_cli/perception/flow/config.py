@@ -181,9 +181,6 @@ class FlowResidualConfig(Config):
     """Second pass over patches that the motion of their component leaves unexplained."""
 
     patch_m: float = setting("edge of the cubic patches that are tested for a residual", "m", ge=0.05, le=20)
-    max_misfit: float = setting(
-        "misfit of a patch, in point spacings, up to which the motion so far explains it", ge=0, le=100
-    )
     patch_points: int = setting("points of each patch that are tested at most", ge=1, le=1000)
     min_points: int = setting(
         "source points that a component's unexplained patches, and then each part, must hold", ge=1, le=10**6

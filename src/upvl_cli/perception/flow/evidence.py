@@ -15,14 +15,14 @@ from upvl_cli.perception.flow.groups import (
     rotate_about_z,
     sample_groups,
 )
-from upvl_cli.perception.flow.search import Candidates, FlowState, Found, Labelled
+from upvl_cli.perception.flow.search import FlowState, Found, Labelled, TargetPoints
 from upvl_cli.perception.flow.surface import LocalSurface, estimate_surface
 from upvl_cli.types import Bools, Floats, Ints
 
 END_SHARES = (0.02, 0.98)  # of the points of a thing, in their order along it: where its ends are
 
 
-def has_evidence(state: FlowState, found: Found, candidates: Candidates, config: RigidFlowConfig) -> Bools:
+def has_evidence(state: FlowState, found: Found, candidates: TargetPoints, config: RigidFlowConfig) -> Bools:
     """Return (k,) whether the ends of a surface that slides along itself show the motion, forward and backward.
 
     Most points of a long side have a near partner wherever it slides. What tells are the points whose distance to the

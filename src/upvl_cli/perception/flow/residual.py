@@ -16,7 +16,7 @@ from upvl_cli.perception.flow.groups import (
     select_groups,
     static_poses,
 )
-from upvl_cli.perception.flow.search import Candidates, FlowState, Labelled, sample_surface, search_poses
+from upvl_cli.perception.flow.search import FlowState, Labelled, TargetPoints, sample_surface, search_poses
 from upvl_cli.perception.flow.spread import rest_where_explained
 from upvl_cli.perception.flow.surface import (
     Moved,
@@ -52,24 +52,7 @@ def move_parts(
         is_residual: (n,) which points of the first sweep the second does not explain at rest.
         config: The method's settings.
     """
-    explained = config.residual.max_misfit
-    has_residual = _remaining(state, component_of_source, is_residual, config)
-    rest_where_explained(state, component_of_source, is_residual, has_residual, config.evidence)
-    has_residual &= is_residual | state.moves()
-    if third is not None:
-        at_rest = np.flatnonzero(has_residual & ~state.moves())
-        has_residual[at_rest] = (
-            residual_misfit(
-                state.source_m[at_rest],
-                None,
-                component_of_source[at_rest],
-                (state.source_tree, third.state.target_tree),
-                state.finest_rad,
-                explained,
-                config,
-            )
-            > explained
-        )
+    has_residual = _unexplained(state, third, component_of_source, is_residual, config)
     split = np.flatnonzero(np.bincount(component_of_source[has_residual]) >= config.residual.min_points)
     source = np.flatnonzero(np.isin(component_of_source, split))
     target = np.flatnonzero(np.isin(component_of_target, split))
@@ -77,18 +60,8 @@ def move_parts(
         return
     target_m = state.target_m[target]
     moved_tree = build_tree(state.source_m + state.shift_m) if state.shift_m.any() else state.source_tree
-    unmatched = (
-        residual_misfit(
-            target_m,
-            None,
-            component_of_target[target],
-            (state.target_tree, moved_tree),
-            state.finest_rad,
-            explained,
-            config,
-        )
-        > explained
-    )
+    trees = state.target_tree, moved_tree
+    unmatched = residual_mask(target_m, None, component_of_target[target], trees, state.finest_rad, config)
     # A component whose points in the second sweep are all explained has nowhere to go.
     is_open = np.isin(component_of_source[source], component_of_target[target[unmatched]])
     source = source[is_open & (has_residual | state.moves())[source]]
@@ -104,39 +77,43 @@ def move_parts(
     large = np.flatnonzero(size >= config.residual.min_points)
     if len(large) and len(candidate_m):
         labelled = Labelled(source, relabel(of_source, large))
-        _decide(state, labelled, Candidates(candidate_m, relabel(of_candidate, large)), len(large), config)
+        _decide(state, labelled, TargetPoints(candidate_m, relabel(of_candidate, large)), len(large), config)
 
 
-def _remaining(state: FlowState, component: Ints, is_residual: Bools, config: RigidFlowConfig) -> Bools:
-    """Return which points the second sweep does not explain by the motion so far.
+def _unexplained(
+    state: FlowState, third: Third | None, component: Ints, is_residual: Bools, config: RigidFlowConfig
+) -> Bools:
+    """Return which points of components the second sweep does not explain by the motion so far.
+
+    What stands in a mixed component comes to rest. At rest the third sweep must not explain a point either.
 
     Args:
-        state: The sweeps, and their motion so far.
+        state: The sweeps, and their motion so far, which is written to.
+        third: A third sweep.
         component: (n,) component of each point, -1 for none.
-        is_residual: (n,) which points it does not explain at rest.
+        is_residual: (n,) which points the second sweep does not explain at rest.
         config: The method's settings.
     """
-    explained = config.residual.max_misfit
+    unexplained = is_residual & (component >= 0)
     moved = np.flatnonzero((component >= 0) & state.moves())
-    remaining = is_residual & (component >= 0)
     motion = np.column_stack([state.shift_m, state.yaw_rad])[moved]
-    remaining[moved] = (
-        residual_misfit(
-            state.source_m[moved],
-            motion,
-            component[moved],
-            (state.source_tree, state.target_tree),
-            state.finest_rad,
-            explained,
-            config,
-        )
-        > explained
+    trees = state.source_tree, state.target_tree
+    unexplained[moved] = residual_mask(
+        state.source_m[moved], motion, component[moved], trees, state.finest_rad, config
     )
-    return remaining
+    rest_where_explained(state, component, is_residual, unexplained, config.evidence)
+    unexplained &= is_residual | state.moves()
+    if third is not None:
+        rest = np.flatnonzero(unexplained & ~state.moves())
+        trees = state.source_tree, third.state.target_tree
+        unexplained[rest] = residual_mask(
+            state.source_m[rest], None, component[rest], trees, state.finest_rad, config
+        )
+    return unexplained
 
 
 def _decide(
-    state: FlowState, labelled: Labelled, candidates: Candidates, total: int, config: RigidFlowConfig
+    state: FlowState, labelled: Labelled, candidates: TargetPoints, total: int, config: RigidFlowConfig
 ) -> None:
     """Give each part a motion of its own, rest, or the motion that it has, whichever explains it.
 
@@ -178,16 +155,15 @@ def _rest(state: FlowState, labelled: Labelled, part: Ints, config: RigidFlowCon
     state.move(labelled, rests, points.groups, rest[rests])
 
 
-def residual_misfit(
+def residual_mask(
     xyz_m: Floats,
     motion: Floats | None,
     label: Ints,
     trees: tuple[cKDTree, cKDTree],
     finest_rad: float,
-    floor: float,
     config: RigidFlowConfig,
-) -> Floats:
-    """Return the (n,) misfits of the small patches that points lie in, moved by their motion, to the other sweep.
+) -> Bools:
+    """Return which of (n,) points lie in small patches whose motion does not put them on the other sweep.
 
     Args:
         xyz_m: (n, 3) points.
@@ -195,11 +171,10 @@ def residual_misfit(
         label: (n,) points of different labels share no patch.
         trees: All points of the same sweep, and those of the other one.
         finest_rad: Angle between the points of the sweep where they lie densest.
-        floor: Misfits that are surely lower are given as 0: patches without a surface estimate.
-        config: Patches and surface.
+        config: Patches, surface and the largest misfit of what is explained.
     """
     if not len(xyz_m):
-        return np.zeros(0)
+        return np.zeros(0, np.bool_)
     tree, other_tree = trees
     edge_m, max_distance_m = config.residual.patch_m, config.surface.max_distance_m
     cells = np.floor(np.ascontiguousarray(xyz_m.T) / edge_m).astype(np.int64)
@@ -215,7 +190,7 @@ def residual_misfit(
     mean_m = np.bincount(item, np.minimum(distance_m, max_distance_m), total) / groups.size
     # No point spacing is finer: patches within this distance are explained without a surface estimate.
     finest_m = finest_rad * np.linalg.norm(groups.center_m, axis=1)
-    far = np.flatnonzero(mean_m > floor * (config.surface.range_noise_m + finest_m))
+    far = np.flatnonzero(mean_m > config.max_static_misfit * (config.surface.range_noise_m + finest_m))
     surface = estimate_surface(select_groups(groups, far), tree, config.surface)
     near = relabel(item, far)
     kept = near >= 0
@@ -223,6 +198,6 @@ def residual_misfit(
         near[kept], np.arange(np.count_nonzero(kept)), moved_m[kept], distance_m[kept], partner[kept]
     )
     poses = Poses(np.arange(len(far)), poses.yaw_rad[far], poses.center_m[far])
-    off: Floats = np.zeros(total)
-    off[far] = misfit_of_pairs(surface, other_tree, poses, moved)
-    return off[patch]
+    is_off = np.zeros(total, np.bool_)
+    is_off[far] = misfit_of_pairs(surface, other_tree, poses, moved) > config.max_static_misfit
+    return is_off[patch]

@@ -16,9 +16,9 @@ from upvl_cli.perception.clustering import NOISE, dbscan_voxels
 from upvl_cli.perception.flow.config import RigidFlowConfig
 from upvl_cli.perception.flow.evidence import has_end_shifts, has_evidence
 from upvl_cli.perception.flow.groups import Groups, Poses, apply_poses, relabel
-from upvl_cli.perception.flow.residual import move_parts, residual_misfit
+from upvl_cli.perception.flow.residual import move_parts, residual_mask
 from upvl_cli.perception.flow.screen import Screen, screen_components
-from upvl_cli.perception.flow.search import Candidates, FlowState, Labelled, search_poses
+from upvl_cli.perception.flow.search import FlowState, Labelled, TargetPoints, search_poses
 from upvl_cli.perception.flow.spread import spread_motion
 from upvl_cli.perception.flow.sweeps import OtherSweep
 from upvl_cli.perception.flow.third import Third, move_by_third, third_sweep
@@ -49,16 +49,13 @@ def estimate_rigid_flow(
     of_source, of_target = np.split(component, [total])
     labelled = Labelled(np.arange(total), of_source)
     trees = state.source_tree, state.target_tree
-    at_rest = residual_misfit(
-        source_xyz_m, None, of_source, trees, state.finest_rad, config.max_static_misfit, config
-    )
-    is_residual = at_rest > config.max_static_misfit
+    is_residual = residual_mask(source_xyz_m, None, of_source, trees, state.finest_rad, config)
     screen = screen_components(state, labelled, is_residual, config)
     third = third_sweep(state, others, config)
     _move_components(state, third, labelled, of_target, screen, config)
     if third is not None:
         move_by_third(state, third, labelled, screen, config)
-    move_parts(state, third, of_source, of_target, at_rest > config.residual.max_misfit, config)
+    move_parts(state, third, of_source, of_target, is_residual, config)
     spread_motion(state, third, is_residual, config)
     return state.shift_m / dt_s
 
@@ -105,7 +102,7 @@ def _move_components(
     if not len(component) or not candidate.any():
         return
     labelled = labelled.among(component)
-    candidates = Candidates(state.target_m[candidate], label[candidate])
+    candidates = TargetPoints(state.target_m[candidate], label[candidate])
     found = search_poses(state, labelled, candidates, floor, 1 - config.min_gain, config)
     needs_evidence = found.is_hidden | (floor[found.group] < config.max_static_misfit)
     moves = ~needs_evidence

@@ -121,7 +121,7 @@ class Labelled(NamedTuple):
         return Labelled(self.point[group >= 0], group[group >= 0])
 
 
-class Candidates(NamedTuple):
+class TargetPoints(NamedTuple):
     """Points of the second sweep that groups may correspond to.
 
     Attributes:
@@ -184,7 +184,7 @@ def sample_surface(
 def search_poses(
     state: FlowState,
     labelled: Labelled,
-    candidates: Candidates,
+    candidates: TargetPoints,
     floor: Floats,
     share: float,
     config: RigidFlowConfig,

@@ -10,7 +10,7 @@ import numpy as np
 from upvl_cli.perception.flow.config import RigidFlowConfig
 from upvl_cli.perception.flow.groups import Groups, Poses, static_poses
 from upvl_cli.perception.flow.screen import Screen
-from upvl_cli.perception.flow.search import Candidates, FlowState, Found, Labelled, search_poses
+from upvl_cli.perception.flow.search import FlowState, Found, Labelled, TargetPoints, search_poses
 from upvl_cli.perception.flow.surface import LocalSurface, misfit
 from upvl_cli.perception.flow.sweeps import OtherSweep
 from upvl_cli.types import Array, Floats
@@ -87,7 +87,7 @@ def move_by_third(
     found = search_poses(
         third.state,
         labelled,
-        Candidates(target_m, np.full(len(target_m), -1)),
+        TargetPoints(target_m, np.full(len(target_m), -1)),
         np.full(len(component), config.max_static_misfit),
         1 - config.min_gain,
         config,
