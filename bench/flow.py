@@ -33,6 +33,7 @@ from upvl_cli.config.toml import load
 from upvl_cli.geometry.se3 import apply
 from upvl_cli.metrics.flow import FlowErrors, flow_errors
 from upvl_cli.perception.flow.rigid import estimate_rigid_flow
+from upvl_cli.perception.flow.sweeps import OtherSweep
 from upvl_cli.perception.registration.config import YawIcpConfig
 from upvl_cli.perception.registration.icp import align_yaw
 from upvl_cli.perception.voxels import voxelize
@@ -87,7 +88,7 @@ def plain(source_m: np.ndarray, target_m: np.ndarray, dt_s: float) -> np.ndarray
 def shipped(source_m: np.ndarray, target_m: np.ndarray, dt_s: float) -> np.ndarray:
     """Run the stage's algorithm with the values of `stages/flow.toml`."""
     config = load(FlowConfig, ROOT / "stages" / "flow.toml").rigid
-    return estimate_rigid_flow(source_m, target_m, dt_s, config) * dt_s
+    return estimate_rigid_flow(source_m, [OtherSweep(target_m, dt_s)], config) * dt_s
 
 
 def nsfp_plus_plus(source_m: np.ndarray, target_m: np.ndarray, dt_s: float) -> np.ndarray:

@@ -31,8 +31,9 @@ def true_mps() -> dict[int, np.ndarray]:
 def scored(folder: Path, flow_mps: Mapping[int, np.ndarray]) -> FlowScore:
     """The score of a flow, by frame."""
     workspace = Workspace(PIPELINE, folder / "stages", folder / "out")
-    odometry, flow = PIPELINE.by_name["odometry"], PIPELINE.by_name["flow"]
-    make_shard(workspace, odometry, SEGMENT, workspace.settings(odometry), lambda: None)
+    odometry, ground, flow = (PIPELINE.by_name[name] for name in ("odometry", "ground", "flow"))
+    for stage in (odometry, ground):
+        make_shard(workspace, stage, SEGMENT, workspace.settings(stage), lambda: None)
     rows = [flow.row(SEGMENT, frame, values) for frame, values in flow_mps.items()]
     stamp = workspace.shard_stamp(flow, SEGMENT)
     write(workspace.shard("flow", SEGMENT), flow.row, rows, stamp=stamp, counts={})
@@ -49,6 +50,10 @@ def test_the_true_flow_has_no_error(tmp_path: Path, true_mps: dict[int, np.ndarr
     assert score.errors.dynamic_iou > 0.99
     assert score.mean_dynamic_error < 0.01
     assert all(points > 1000 for points in score.errors.points)
+    assert score.objects is not None
+    assert score.objects.moving[0].objects > 10
+    assert score.objects.moving[0].right > 0.95
+    assert score.objects.called_moving == 0
 
 
 def test_half_the_flow_is_half_wrong(tmp_path: Path, true_mps: dict[int, np.ndarray]) -> None:
@@ -65,6 +70,8 @@ def test_half_the_flow_is_half_wrong(tmp_path: Path, true_mps: dict[int, np.ndar
     moving = [of.dynamic_error for of in score.classes if np.isfinite(of.dynamic_error)]
     assert moving == pytest.approx([0.5] * len(moving), abs=0.02)
     assert score.errors.static_epe_m < 0.02
+    assert score.objects is not None
+    assert score.objects.moving[-1].right == 0  # the fastest
 
 
 def test_a_dataset_that_does_not_know_has_no_score(tmp_path: Path) -> None:

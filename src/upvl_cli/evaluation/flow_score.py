@@ -10,10 +10,13 @@ import numpy as np
 
 from upvl_cli.datasets.flow_truth import FLOW_CLASSES
 from upvl_cli.datasets.label_registry import FlowSource, flow_source
+from upvl_cli.errors import BadInput
 from upvl_cli.evaluation.config import EvalConfig
+from upvl_cli.evaluation.flow_objects import labelled_flow_score
 from upvl_cli.evaluation.gather import fresh_table
 from upvl_cli.geometry.se3 import apply, inverse
 from upvl_cli.metrics.flow import DYNAMIC_M, FlowErrors, bucket_score, flow_buckets, flow_errors
+from upvl_cli.metrics.flow_objects import ObjectFlowScore
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.stages.rows import FlowRow, OdometryRow
 from upvl_cli.types import Array, ParallelArrays, array, concat, empty
@@ -42,11 +45,13 @@ class FlowScore:
         errors: Three-way errors as Argoverse 2 defines them; every point weighs the same.
         classes: Speed-normalised errors by class.
         mean_dynamic_error: Mean of the dynamic errors over classes; the challenge ranks methods by it.
+        objects: Score of the labelled objects; None where there are no labels.
     """
 
     errors: FlowErrors
     classes: tuple[ClassFlow, ...]
     mean_dynamic_error: float
+    objects: ObjectFlowScore | None
 
 
 @dataclass(frozen=True)
@@ -99,7 +104,12 @@ def flow_score(
     ]
     score = bucket_score(sum(buckets[1:], buckets[0]))
     by_class = zip(FLOW_CLASSES, score.static_epe_m.tolist(), score.dynamic_error.tolist(), strict=True)
-    return FlowScore(errors, tuple(ClassFlow(*row) for row in by_class), score.mean_dynamic_error)
+    classes = tuple(ClassFlow(*row) for row in by_class)
+    try:
+        objects = labelled_flow_score(workspace, settings, segments)
+    except BadInput:  # a dataset may know the true flow and have no labels
+        objects = None
+    return FlowScore(errors, classes, score.mean_dynamic_error, objects)
 
 
 def _pairs(

@@ -188,7 +188,7 @@ def _gather_drive(
     chosen = [rows[frame] for frame in rows.frames if frame in frames]
     types = _box_types(workspace, stage, segment, rows, chosen, named)
     predictions = _predictions(source, segment, chosen, types)
-    labels = _with_velocities(workspace, segment, source.labels(segment))
+    labels = with_velocities(workspace, segment, source.labels(segment))
     truth = _truth(segment, labels)
     dropped: Counter[str] = Counter()
     kept = []
@@ -203,8 +203,14 @@ def _gather_drive(
     return _Drive(truth, labels.num_points[kept[0]], view, predictions, len(frames), dropped)
 
 
-def _with_velocities(workspace: Workspace, segment: str, labels: Labels) -> Labels:
-    """Return the labels with the velocities that the data set lacks, by the poses that were estimated."""
+def with_velocities(workspace: Workspace, segment: str, labels: Labels) -> Labels:
+    """Return the labels with the velocities that the data set lacks, by the poses that were estimated.
+
+    Args:
+        workspace: The workspace of the drive.
+        segment: Name of the drive.
+        labels: Its labels.
+    """
     unknown = np.isnan(labels.velocity_mps).any(axis=1, keepdims=True)
     drive = workspace.drive(segment)
     if not unknown.any() or drive.world_from_ego is not None:

@@ -14,6 +14,7 @@ from upvl_cli.evaluation.config import EvalConfig
 from upvl_cli.evaluation.flow_score import FlowScore
 from upvl_cli.evaluation.region import Region
 from upvl_cli.evaluation.score import DetectionScore, Diagnosis, TrackScore
+from upvl_cli.metrics.flow_objects import ObjectFlowScore
 
 
 @dataclass(frozen=True)
@@ -202,6 +203,19 @@ def _flow(flow: FlowScore) -> Iterator[Table]:
         static_epe_m, dynamic_error = errors_of_class.static_epe_m, errors_of_class.dynamic_error
         table.add_row(errors_of_class.name, _number(static_epe_m), _number(dynamic_error))
     table.add_row("mean over classes", "", _number(flow.mean_dynamic_error))
+    yield table
+    if flow.objects is not None:
+        yield from _object_flow(flow.objects)
+
+
+def _object_flow(score: ObjectFlowScore) -> Iterator[Table]:
+    table = _table("flow of moving objects, 30 points or more", "objects", "right", "standing")
+    for share in score.moving:
+        table.add_row(share.name, str(share.objects), _number(share.right), _number(share.standing))
+    yield table
+    table = _table("flow of standing objects", "objects", "called moving", "of their points")
+    counted = str(score.standing_objects)
+    table.add_row("all", counted, _number(score.called_moving), _number(score.points_called_moving))
     yield table
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -17,6 +17,7 @@ from upvl_cli.stages.rows import FlowRow, GroundRow, OdometryRow
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from upvl_cli.perception.flow.sweeps import OtherSweep
     from upvl_cli.pipeline.stage import Inputs
     from upvl_cli.types import Array, Floats
 
@@ -35,6 +36,18 @@ class FlowConfig(Config):
             "a CPU, for comparison",
             "file": "the flow of another program, such as a network of your own, is read from files",
         },
+    )
+    min_interval_s: float = setting(
+        "flow leads to the first sweep at least this much later: over less, slow things move less than points scatter",
+        "s",
+        gt=0,
+        le=10,
+    )
+    confirm_interval_s: float = setting(
+        "a third sweep, at least this far away in time, confirms the flow and shows what is slower",
+        "s",
+        gt=0,
+        le=10,
     )
     rigid: RigidFlowConfig = table("settings of the method rigid")
     nsfp_pp: NsfpPlusPlusConfig = table("settings of the method nsfp++")
@@ -57,20 +70,18 @@ _TABLES = ("rigid", "nsfp_pp", "nsfp", "file")
 
 
 @dataclass(frozen=True)
-class SweepPair:
-    """A sweep and the points above the ground of another one, in the ego axes of the first.
+class SweepTriple:
+    """A sweep and those that it is compared with, in its ego axes.
 
     Attributes:
         xyz_ego_m: (n, 3) points of the sweep.
         is_above: (n,) which of them stand above the ground.
-        other_xyz_ego_m: (m, 3) points of the other sweep that stand above the ground.
-        dt_s: Time from the sweep to the other one; 0 where there is no other.
+        others: The sweep that the flow leads to, then one that confirms it; fewer in a short drive, see `other_steps`.
     """
 
     xyz_ego_m: Array
     is_above: Array
-    other_xyz_ego_m: Array
-    dt_s: float
+    others: tuple[OtherSweep, ...]
 
 
 def run(inputs: Inputs, config: FlowConfig) -> Iterator[FlowRow]:
@@ -84,32 +95,35 @@ def run(inputs: Inputs, config: FlowConfig) -> Iterator[FlowRow]:
         return
     estimate = _estimator(config)
 
-    def flow_mps(pair: SweepPair) -> Array:
+    def flow_mps(triple: SweepTriple) -> Array:
         """Return the flow of a sweep; the ground, and a sweep all alone, have none."""
-        flow = np.zeros((len(pair.xyz_ego_m), 3))
-        if pair.dt_s:
-            source = pair.xyz_ego_m[pair.is_above].astype(np.float64)
-            flow[pair.is_above] = estimate(source, pair.other_xyz_ego_m, pair.dt_s)
+        flow = np.zeros((len(triple.xyz_ego_m), 3))
+        if triple.others:
+            source = triple.xyz_ego_m[triple.is_above].astype(np.float64)
+            flow[triple.is_above] = estimate(source, triple.others)
         return flow
 
     frames = inputs.table("odometry", OdometryRow).frames
-    for frame, flow in zip(frames, in_order(flow_mps, _pairs(inputs)), strict=True):
+    triples = _triples(inputs, config.min_interval_s, config.confirm_interval_s)
+    for frame, flow in zip(frames, in_order(flow_mps, triples), strict=True):
         yield FlowRow(inputs.segment, frame, flow)
 
 
-def _estimator(config: FlowConfig) -> Callable[[Floats, Floats, float], Floats]:
-    """Return the function of a sweep, another one and the time between them that gives the flow in m/s."""
+def _estimator(config: FlowConfig) -> Callable[[Floats, Sequence[OtherSweep]], Floats]:
+    """Return the function of a sweep and those that it is compared with that gives the flow in m/s."""
     if config.method == "nsfp++":
         from upvl_cli.perception.flow.nsfp.nsfp_plus_plus import estimate_nsfp_plus_plus_flow
 
-        return lambda source, target, dt_s: estimate_nsfp_plus_plus_flow(source, target, dt_s, config.nsfp_pp)
+        return lambda source, others: estimate_nsfp_plus_plus_flow(
+            source, others[0].xyz_m, others[0].dt_s, config.nsfp_pp
+        )
     if config.method == "nsfp":
         from upvl_cli.perception.flow.nsfp.nsfp import estimate_nsfp_flow
 
-        return lambda source, target, dt_s: estimate_nsfp_flow(source, target, dt_s, config.nsfp)
+        return lambda source, others: estimate_nsfp_flow(source, others[0].xyz_m, others[0].dt_s, config.nsfp)
     from upvl_cli.perception.flow.rigid import estimate_rigid_flow
 
-    return lambda source, target, dt_s: estimate_rigid_flow(source, target, dt_s, config.rigid)
+    return lambda source, others: estimate_rigid_flow(source, others, config.rigid)
 
 
 def _stored_flow(inputs: Inputs, config: StoredFlowConfig) -> Iterator[FlowRow]:
@@ -151,37 +165,40 @@ def _stored_flow(inputs: Inputs, config: StoredFlowConfig) -> Iterator[FlowRow]:
         yield FlowRow(inputs.segment, pose.frame, flow)
 
 
-def _pairs(inputs: Inputs) -> Iterator[SweepPair]:
-    """Pair each sweep with the next one, and the last with the one before: backward in time, dt is negative."""
+def _triples(inputs: Inputs, min_interval_s: float, confirm_interval_s: float) -> Iterator[SweepTriple]:
+    """Yield each sweep with those that it is compared with; at the end of the drive they come before it."""
     from upvl_cli.geometry.se3 import apply, compose, inverse
+    from upvl_cli.perception.flow.sweeps import OtherSweep, other_steps
     from upvl_cli.perception.odometry.compensation import compensated_points
     from upvl_cli.runtime.parallel import in_order
 
     poses, ground = list(inputs.table("odometry", OdometryRow)), inputs.table("ground", GroundRow)
-
     points_of = compensated_points(inputs.drive, poses)
 
     def sweep(step: int) -> tuple[Array, Array]:
         frame = poses[step].frame
         return points_of(frame).xyz_ego_m, ~ground[frame].is_ground
 
-    if not poses:
-        return
-    sweeps = in_order(sweep, range(len(poses)))
-    before = here = next(sweeps)
+    times_s = [(pose.time_ns - poses[0].time_ns) * 1e-9 for pose in poses]
+    others = [other_steps(times_s, step, min_interval_s, confirm_interval_s) for step in range(len(poses))]
+    coming = in_order(sweep, range(len(poses)))
+    sweeps: dict[int, tuple[Array, Array]] = {}
     for step, pose in enumerate(poses):
-        is_last = step + 1 == len(poses)
-        paired = max(step - 1, 0) if is_last else step + 1
-        after = before if is_last else next(sweeps)
-        (xyz_ego_m, is_above), (other_xyz_m, other_is_above) = here, after
-        ego_from_other = compose(inverse(pose.world_from_ego), poses[paired].world_from_ego)
-        yield SweepPair(
-            xyz_ego_m,
-            is_above,
-            apply(ego_from_other, other_xyz_m[other_is_above]),
-            (poses[paired].time_ns - pose.time_ns) * 1e-9,
-        )
-        before, here = here, after
+        while max(sweeps, default=-1) < max([step, *others[step]]):
+            sweeps[max(sweeps, default=-1) + 1] = next(coming)
+        for past in [past for past in sweeps if past < min([step, *others[step]])]:
+            del sweeps[past]
+        here = inverse(pose.world_from_ego)
+        seen = [
+            OtherSweep(
+                apply(compose(here, poses[other].world_from_ego), sweeps[other][0][sweeps[other][1]]),
+                times_s[other] - times_s[step],
+            )
+            for other in others[step]
+        ]
+        yield SweepTriple(*sweeps[step], tuple(seen))
 
 
-STAGE = Stage(name="flow", run=run, config=FlowConfig, row=FlowRow, reads=("raw", "odometry", "ground"))
+STAGE = Stage(
+    name="flow", run=run, config=FlowConfig, row=FlowRow, reads=("raw", "odometry", "ground"), version=2
+)

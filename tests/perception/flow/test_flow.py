@@ -11,6 +11,7 @@ from upvl_cli.config.toml import load
 from upvl_cli.geometry.se3 import apply, from_yaw
 from upvl_cli.metrics.flow import flow_errors
 from upvl_cli.perception.flow.rigid import estimate_rigid_flow
+from upvl_cli.perception.flow.sweeps import OtherSweep
 from upvl_cli.perception.registration.config import YawIcpConfig
 from upvl_cli.perception.registration.icp import align_yaw
 from upvl_cli.stages.flow import FlowConfig
@@ -27,7 +28,7 @@ LINES = pytest.mark.xfail(
 
 
 def flow_mps(source_m: np.ndarray, target_m: np.ndarray, dt_s: float = DT_S) -> np.ndarray:
-    return np.asarray(estimate_rigid_flow(source_m, target_m, dt_s, CONFIG))
+    return np.asarray(estimate_rigid_flow(source_m, [OtherSweep(target_m, dt_s)], CONFIG))
 
 
 def surface(corner: tuple[float, ...], *edges: tuple[float, ...], count: int, seed: int) -> np.ndarray:

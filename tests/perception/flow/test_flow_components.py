@@ -14,6 +14,7 @@ from upvl_cli.perception.flow.groups import Poses, sample_groups
 from upvl_cli.perception.flow.residual import residual_mask
 from upvl_cli.perception.flow.rigid import estimate_rigid_flow, occupies_most_cells
 from upvl_cli.perception.flow.surface import build_tree
+from upvl_cli.perception.flow.sweeps import OtherSweep
 from upvl_cli.stages.flow import FlowConfig
 
 CONFIG = load(FlowConfig, Path(__file__).parents[3] / "stages" / "flow.toml").rigid
@@ -22,7 +23,7 @@ DT_S = 0.1
 
 
 def flow_mps(source: np.ndarray, target: np.ndarray, config: RigidFlowConfig = CONFIG) -> np.ndarray:
-    return estimate_rigid_flow(source, target, DT_S, config)
+    return estimate_rigid_flow(source, [OtherSweep(target, DT_S)], config)
 
 
 def panel(corner: tuple[float, ...], *edges: tuple[float, ...], count: int, seed: int) -> np.ndarray:
@@ -203,7 +204,7 @@ def test_a_part_must_gain_twice(min_gain: float, moves: bool) -> None:
 
 @pytest.mark.parametrize("dt_s", [0.1, -0.1])
 def test_a_fast_car_is_found_forward_and_backward_in_time(dt_s: float) -> None:
-    found = estimate_rigid_flow(car(12, 4, 0), car(12 + 24 * dt_s, 4, 1), dt_s, CONFIG)
+    found = estimate_rigid_flow(car(12, 4, 0), [OtherSweep(car(12 + 24 * dt_s, 4, 1), dt_s)], CONFIG)
     np.testing.assert_allclose(found.mean(axis=0), [24, 0, 0], atol=0.4)
 
 

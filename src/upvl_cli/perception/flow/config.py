@@ -35,6 +35,14 @@ class FlowSurfaceConfig(Config):
     max_distance_m: float = setting(
         "distance at which a misfit is cut off, and that of a point without a partner", "m", ge=0.05, le=20
     )
+    spacing_points: int = setting(
+        "points of a sweep at which its spacing is measured, roughly", ge=1, le=10**6
+    )
+    spacing_quantile: float = setting(
+        "share of these points that lie denser than what counts as the finest spacing of the sensor",
+        ge=0,
+        le=1,
+    )
     max_misfit: float = setting("point spacings at which the misfit of one point is cut off", gt=0, le=1000)
 
 
@@ -46,6 +54,12 @@ class FlowVoteConfig(Config):
         "points of the other sweep that vote for one group at most, roughly", ge=1, le=10**6
     )
     cell_m: float = setting("edge of the cells of the displacement histogram", "m", ge=0.02, le=10)
+    min_distance_m: float = setting(
+        "mean distance of a group to the other sweep at rest, up to which it needs no vote: ICP gets there from rest",
+        "m",
+        ge=0,
+        le=10,
+    )
     max_rise_m: float = setting("pairs of points whose heights differ by more do not vote", "m", gt=0, le=10)
     peaks: int = setting("highest cells of the histogram that become start hypotheses", ge=1, le=100)
     starts: int = setting(
@@ -66,6 +80,19 @@ class FlowIcpConfig(Config):
     )
     fine_radii_m: tuple[float, ...] = setting(
         "correspondence radius of each step of the fine pass, from wide to narrow", "m", gt=0, le=100
+    )
+    radius_spacings: float = setting(
+        "a correspondence radius is at least this many spacings of the point, up to the first radius of its pass",
+        ge=0,
+        le=100,
+    )
+    stretch: tuple[float, ...] = setting(
+        "factors by which the shift of the coarse pass is tried again: long sides hold it back", ge=0.1, le=10
+    )
+    slack: float = setting(
+        "cost after the coarse pass, as a multiple of the highest one of use, above which there is no fine pass",
+        ge=1,
+        le=100,
     )
     min_pairs: int = setting("point pairs below which a group gets no motion", ge=3, le=10**6)
     tangential_weight: float = setting(
@@ -100,17 +127,61 @@ class FlowPlausibilityConfig(Config):
 
 
 @dataclass(frozen=True)
+class FlowEvidenceConfig(Config):
+    """What must speak for a motion, in both sweeps, beside the misfit that drops."""
+
+    min_change_m: float = setting(
+        "change of the distance to the other sweep from which a point speaks for a motion or against it",
+        "m",
+        gt=0,
+        le=10,
+    )
+    min_change: float = setting("the same in point spacings; the larger of the two counts", ge=0, le=100)
+    min_points: int = setting("points that must speak for a motion along the surface", ge=1, le=10**6)
+    min_share: float = setting(
+        "points that must speak for it, as a share of those that were sampled", ge=0, le=1
+    )
+    min_odds: float = setting("points that speak for it, for each that speaks against it", ge=0, le=1000)
+    end_points: int = setting(
+        "points of a component at which its ends are looked for, at most", ge=2, le=10**6
+    )
+    min_end_ratio: float = setting(
+        "shift of one end of a long side as a share of the shift of its other end, at least", ge=0, le=1
+    )
+    mixed_share: float = setting(
+        "share of a moved component that is explained at rest alone, above which a part of it stands",
+        ge=0,
+        le=1,
+    )
+    mixed_ratio: float = setting("the same, as a share of what its motion leaves unexplained", ge=0, le=1)
+    slow_misfit: float = setting(
+        "misfit at rest to the second sweep from which a component is tried with the third one", ge=0, le=100
+    )
+    third_misfit: float = setting("misfit at rest to the third sweep that such a component has", ge=0, le=100)
+    slow_points: int = setting("points of such a component, at least", ge=1, le=10**6)
+    contradiction: float = setting(
+        "misfit to the confirming sweep, as a multiple of that at rest, from which it contradicts a motion",
+        ge=0,
+        le=100,
+    )
+    confirmation: float = setting(
+        "the same for motions towards the confirming sweep: the target must fit them at least this well",
+        ge=0,
+        le=1,
+    )
+    vanished_misfit: float = setting(
+        "misfit at rest from which a component has left the place in a sweep, or is hidden there",
+        ge=0,
+        le=1000,
+    )
+
+
+@dataclass(frozen=True)
 class FlowResidualConfig(Config):
     """Second pass over patches that the motion of their component leaves unexplained."""
 
     patch_m: float = setting("edge of the cubic patches that are tested for a residual", "m", ge=0.05, le=20)
     patch_points: int = setting("points of each patch that are tested at most", ge=1, le=1000)
-    min_spacing_rad: float = setting(
-        "finest angle between neighboring points of the LiDAR; closer residuals are skipped untested",
-        "rad",
-        ge=0,
-        le=1,
-    )
     min_points: int = setting(
         "source points that a component's unexplained patches, and then each part, must hold", ge=1, le=10**6
     )
@@ -149,8 +220,15 @@ class RigidFlowConfig(Config):
         ge=0.05,
         le=20,
     )
+    spread_m: float = setting(
+        "unexplained points up to this far from a moving thing share its motion where that explains them",
+        "m",
+        ge=0,
+        le=20,
+    )
     surface: FlowSurfaceConfig = table("surface estimates and misfit")
     vote: FlowVoteConfig = table("displacement histogram that gives the starts of ICP")
     icp: FlowIcpConfig = table("registration of a component with the other sweep")
     plausibility: FlowPlausibilityConfig = table("motions that are possible and observable")
+    evidence: FlowEvidenceConfig = table("what must speak for a motion")
     residual: FlowResidualConfig = table("second pass over what the first leaves unexplained")

@@ -7,31 +7,36 @@ from scipy.spatial import cKDTree
 
 from upvl_cli.perception.flow.config import FlowVoteConfig
 from upvl_cli.perception.flow.groups import Groups, Poses, apply_poses
-from upvl_cli.types import Array, Floats
+from upvl_cli.types import Array, Bools, Floats, Ints
 
 
 def start_hypotheses(
-    groups: Groups, target_m: Floats, target_center_m: Floats, max_shift_m: float, config: FlowVoteConfig
+    groups: Groups,
+    chosen: Ints,
+    votes: Bools,
+    target_m: Floats,
+    target_center_m: Floats,
+    max_shift_m: float,
+    config: FlowVoteConfig,
 ) -> Poses:
-    """Return the start hypotheses of each group: at rest, the shift of its center, then the peaks of the vote.
+    """Return the start hypotheses of some groups: at rest, the shift of its center, then the peaks of the vote.
 
     Args:
         groups: Points to move.
+        chosen: (k,) the groups, ascending.
+        votes: (g,) whether the points of each group vote; else it has the other hypotheses alone.
         target_m: (m, 3) points of the other sweep that they may correspond to.
         target_center_m: (g, 3) center of the points of each component in the other sweep; NaN where there are none.
         max_shift_m: Displacements longer than this do not vote.
         config: The histogram.
     """
-    group, shift_m = [], []
-    for number in range(len(groups.size)):
+    group, shift_m = [np.zeros(0, np.int64)], [np.zeros((0, 2))]
+    for number in chosen:
         first = groups.first[number]
-        shifts = np.concatenate(
-            [
-                np.zeros((1, 2)),
-                (target_center_m - groups.center_m)[number : number + 1, :2],
-                _vote(groups.xyz_m[first : first + groups.size[number]], target_m, max_shift_m, config),
-            ]
-        )
+        shifts = np.stack([np.zeros(2), (target_center_m[number] - groups.center_m[number])[:2]])
+        if votes[number]:
+            xyz_m = groups.xyz_m[first : first + groups.size[number]]
+            shifts = np.concatenate([shifts, _vote(xyz_m, target_m, max_shift_m, config)])
         shifts = shifts[np.isfinite(shifts).all(axis=1)]
         group.append(np.full(len(shifts), number))
         shift_m.append(shifts)
@@ -61,7 +66,7 @@ def _vote(source_m: Floats, target_m: Floats, max_shift_m: float, config: FlowVo
 
 
 def select_starts(groups: Groups, tree: cKDTree, poses: Poses, starts: int, max_distance_m: float) -> Poses:
-    """Return the first hypothesis of each group and the nearest of its others.
+    """Return the first hypothesis of each group and the nearest of its others, unless they are no nearer.
 
     Args:
         groups: Points to move.
@@ -71,10 +76,12 @@ def select_starts(groups: Groups, tree: cKDTree, poses: Poses, starts: int, max_
         max_distance_m: Distance of a point without partner.
     """
     distance_m = mean_nearest_m(groups, tree, poses, max_distance_m)
-    distance_m[np.flatnonzero(np.diff(poses.group, prepend=-1))] = -1
+    first = np.flatnonzero(np.diff(poses.group, prepend=-1))
+    is_nearer = distance_m < distance_m[first[np.searchsorted(poses.group[first], poses.group)]]
+    is_nearer[first], distance_m[first] = True, -1
     order = np.lexsort((distance_m, poses.group))
     rank = np.arange(len(order)) - np.searchsorted(poses.group, poses.group)
-    return poses[np.sort(order[rank <= starts])]
+    return poses[np.sort(order[(rank <= starts) & is_nearer[order]])]
 
 
 def mean_nearest_m(groups: Groups, tree: cKDTree, poses: Poses, max_distance_m: float) -> Floats:

@@ -73,6 +73,18 @@ def sample_groups(xyz_m: Floats, group_of_point: Ints, *, total: int, max_points
     return Groups(xyz_m[order[sampled]], np.cumsum(size) - size, size, center_m)
 
 
+def select_groups(groups: Groups, kept: Ints) -> Groups:
+    """Return some of the groups, numbered by their place in `kept`.
+
+    Args:
+        groups: The groups.
+        kept: (k,) numbers of groups.
+    """
+    _, point = group_members(groups, kept)
+    size = groups.size[kept]
+    return Groups(groups.xyz_m[point], np.cumsum(size) - size, size, groups.center_m[kept])
+
+
 def group_sums(values: Array, group: Ints, total: int) -> Array:
     """Return the (total, d) sums of the rows of (n, d) values over each group."""
     columns = [np.bincount(group, column, total) for column in values.T]
@@ -128,6 +140,8 @@ def apply_poses(groups: Groups, poses: Poses) -> tuple[Ints, Ints, Floats]:
     """
     item, point = group_members(groups, poses.group)
     local_m = groups.xyz_m[point] - groups.center_m[poses.group][item]
+    if not poses.yaw_rad.any():
+        return item, point, local_m + poses.center_m[item]
     return item, point, rotate_about_z(poses.yaw_rad[item], local_m) + poses.center_m[item]
 
 
@@ -138,7 +152,6 @@ def relabel(label: Ints, kept: Ints) -> Ints:
         label: (n,) labels.
         kept: (k,) labels that stay.
     """
-    if not len(kept):
-        return np.full(len(label), -1)
-    index = np.minimum(np.searchsorted(kept, label), len(kept) - 1)
-    return np.where(kept[index] == label, index, -1)
+    place = np.full(int(max(label.max(initial=-1), kept.max(initial=-1))) + 2, -1)  # the last is that of -1
+    place[kept] = np.arange(len(kept))
+    return place[label]

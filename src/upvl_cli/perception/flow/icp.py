@@ -37,7 +37,7 @@ def icp(
         if not len(active):
             break
         now = Poses(poses.group[active], yaw_rad[active], center_m[active])
-        solved, yaw, shift = _step(surface, tree, now, radius_m, config)
+        solved, yaw, shift = _step(surface, tree, now, (radius_m, radii_m[0]), config)
         moved = active[solved]
         yaw_rad[moved] += yaw
         center_m[moved] += shift
@@ -47,12 +47,23 @@ def icp(
 
 
 def _step(
-    surface: LocalSurface, tree: cKDTree, poses: Poses, radius_m: float, config: FlowIcpConfig
+    surface: LocalSurface, tree: cKDTree, poses: Poses, radii_m: tuple[float, float], config: FlowIcpConfig
 ) -> tuple[Ints, Floats, Floats]:
-    """Return which hypotheses have enough pairs, and the turn and shift that bring these closer."""
+    """Return which hypotheses have enough pairs, and the turn and shift that bring these closer.
+
+    Args:
+        surface: Points to move, with the surface around them.
+        tree: Points of the other sweep.
+        poses: h hypotheses.
+        radii_m: Correspondence radius, and the widest one where points lie far apart.
+        config: Weights.
+    """
     item, point, xyz_m = apply_poses(surface.groups, poses)
-    distance, partner = tree.query(xyz_m, distance_upper_bound=radius_m)
-    paired = np.isfinite(distance)
+    radius_m, widest_m = radii_m
+    # Where points lie far apart, so do partners.
+    reach_m = np.clip(config.radius_spacings * surface.spacing_m[point], radius_m, max(radius_m, widest_m))
+    distance, partner = tree.query(xyz_m, distance_upper_bound=reach_m.max(initial=radius_m))
+    paired = distance < reach_m
     item, point, xyz_m = item[paired], point[paired], xyz_m[paired]
     residual_m = tree.data[partner[paired]] - xyz_m
     count = np.bincount(item, minlength=len(poses.group))

@@ -7,16 +7,36 @@ from scipy.spatial import cKDTree
 
 from upvl_cli.perception.clustering import dbscan_voxels
 from upvl_cli.perception.flow.config import RigidFlowConfig
-from upvl_cli.perception.flow.displacement_vote import mean_nearest_m
-from upvl_cli.perception.flow.groups import Poses, group_means, relabel, sample_groups, static_poses
-from upvl_cli.perception.flow.search import FlowState, search_poses
-from upvl_cli.perception.flow.surface import build_tree, estimate_surface, misfit
-from upvl_cli.perception.voxels import voxelize
+from upvl_cli.perception.flow.groups import (
+    Poses,
+    apply_poses,
+    group_means,
+    relabel,
+    sample_groups,
+    select_groups,
+    static_poses,
+)
+from upvl_cli.perception.flow.search import FlowState, Labelled, TargetPoints, sample_surface, search_poses
+from upvl_cli.perception.flow.spread import rest_where_explained
+from upvl_cli.perception.flow.surface import (
+    Moved,
+    build_tree,
+    estimate_surface,
+    misfit,
+    misfit_of_pairs,
+)
+from upvl_cli.perception.flow.third import Third
+from upvl_cli.perception.voxels import number_in_order, row_keys
 from upvl_cli.types import Bools, Floats, Ints
 
 
 def move_parts(
-    state: FlowState, component_of_source: Ints, component_of_target: Ints, config: RigidFlowConfig
+    state: FlowState,
+    third: Third | None,
+    component_of_source: Ints,
+    component_of_target: Ints,
+    is_residual: Bools,
+    config: RigidFlowConfig,
 ) -> None:
     """Split components that have unexplained patches into finer parts, and give each part its own motion.
 
@@ -26,30 +46,26 @@ def move_parts(
 
     Args:
         state: The sweeps, and their motion so far, which is written to.
+        third: A third sweep; what it explains at rest has no motion of its own.
         component_of_source: (n,) component of each point of the first sweep, -1 for none.
         component_of_target: (m,) the same for the second.
+        is_residual: (n,) which points of the first sweep the second does not explain at rest.
         config: The method's settings.
     """
-    motion = np.column_stack([state.shift_m, state.yaw_rad])
-    has_residual = (component_of_source >= 0) & residual_mask(
-        state.source_m, motion, component_of_source, state.source_tree, state.target_tree, config
-    )
+    has_residual = _unexplained(state, third, component_of_source, is_residual, config)
     split = np.flatnonzero(np.bincount(component_of_source[has_residual]) >= config.residual.min_points)
     source = np.flatnonzero(np.isin(component_of_source, split))
     target = np.flatnonzero(np.isin(component_of_target, split))
     if not len(source) or not len(target):
         return
     target_m = state.target_m[target]
-    unmatched = residual_mask(
-        target_m,
-        np.zeros((len(target), 4)),
-        component_of_target[target],
-        state.target_tree,
-        build_tree(state.source_m + state.shift_m),
-        config,
-    )
-    active = (has_residual | (state.shift_m != 0).any(axis=1))[source]
-    source, candidate_m = source[active], target_m[unmatched]
+    moved_tree = build_tree(state.source_m + state.shift_m) if state.shift_m.any() else state.source_tree
+    trees = state.target_tree, moved_tree
+    unmatched = residual_mask(target_m, None, component_of_target[target], trees, state.finest_rad, config)
+    # A component whose points in the second sweep are all explained has nowhere to go.
+    is_open = np.isin(component_of_source[source], component_of_target[target[unmatched]])
+    source = source[is_open & (has_residual | state.moves())[source]]
+    candidate_m = target_m[unmatched]
     part = dbscan_voxels(
         np.concatenate([state.source_m[source], candidate_m]),
         eps_m=config.eps_m * config.residual.scale,
@@ -60,77 +76,128 @@ def move_parts(
     size = np.bincount(of_source[of_source >= 0], minlength=part.max(initial=-1) + 1)
     large = np.flatnonzero(size >= config.residual.min_points)
     if len(large) and len(candidate_m):
-        labels = relabel(of_source, large), relabel(of_candidate, large)
-        _decide(state, source, labels[0], candidate_m, labels[1], len(large), config)
+        labelled = Labelled(source, relabel(of_source, large))
+        _decide(state, labelled, TargetPoints(candidate_m, relabel(of_candidate, large)), len(large), config)
+
+
+def _unexplained(
+    state: FlowState, third: Third | None, component: Ints, is_residual: Bools, config: RigidFlowConfig
+) -> Bools:
+    """Return which points of components the second sweep does not explain by the motion so far.
+
+    What stands in a mixed component comes to rest. At rest the third sweep must not explain a point either.
+
+    Args:
+        state: The sweeps, and their motion so far, which is written to.
+        third: A third sweep.
+        component: (n,) component of each point, -1 for none.
+        is_residual: (n,) which points the second sweep does not explain at rest.
+        config: The method's settings.
+    """
+    unexplained = is_residual & (component >= 0)
+    moved = np.flatnonzero((component >= 0) & state.moves())
+    motion = np.column_stack([state.shift_m, state.yaw_rad])[moved]
+    trees = state.source_tree, state.target_tree
+    unexplained[moved] = residual_mask(
+        state.source_m[moved], motion, component[moved], trees, state.finest_rad, config
+    )
+    rest_where_explained(state, component, is_residual, unexplained, config.evidence)
+    unexplained &= is_residual | state.moves()
+    if third is not None:
+        rest = np.flatnonzero(unexplained & ~state.moves())
+        trees = state.source_tree, third.state.target_tree
+        unexplained[rest] = residual_mask(
+            state.source_m[rest], None, component[rest], trees, state.finest_rad, config
+        )
+    return unexplained
 
 
 def _decide(
-    state: FlowState,
-    source: Ints,
-    part_of_source: Ints,
-    candidate_m: Floats,
-    part_of_candidate: Ints,
-    total: int,
-    config: RigidFlowConfig,
+    state: FlowState, labelled: Labelled, candidates: TargetPoints, total: int, config: RigidFlowConfig
 ) -> None:
     """Give each part a motion of its own, rest, or the motion that it has, whichever explains it.
 
     Args:
         state: The sweeps.
-        source: (k,) points of the first sweep.
-        part_of_source: (k,) part of each, -1 for none.
-        candidate_m: (m, 3) points of the second sweep that parts may correspond to.
-        part_of_candidate: (m,) part that each lies close to.
+        labelled: Points of the first sweep and their parts.
+        candidates: Points of the second sweep that parts may correspond to.
         total: Number of parts.
         config: The method's settings.
     """
-    points, poses, cost = search_poses(
-        state, source, part_of_source, candidate_m, part_of_candidate, total, config
-    )
-    labelled = part_of_source >= 0
-    so_far = state.poses(source[labelled], part_of_source[labelled], points.groups)
-    rest = static_poses(points.groups)
-    misfit_so_far = misfit(points, state.target_tree, so_far)
-    misfit_at_rest = misfit(points, state.target_tree, rest)
+    floor = np.full(total, config.max_static_misfit)
     # Beside other objects something that fits by chance is easier to find: the gain is asked for twice.
-    best = np.minimum(misfit_at_rest, misfit_so_far)
-    moves = (misfit_at_rest > config.max_static_misfit) & (cost < (1 - config.min_gain) ** 2 * best)
+    found = search_poses(state, labelled, candidates, floor, (1 - config.min_gain) ** 2, config)
+    found = found.select(~found.is_hidden)
+    _rest(state, labelled, np.setdiff1d(np.arange(total), found.group), config)
+    state.move(labelled, found.group, found.points.groups, found.poses)
+
+
+def _rest(state: FlowState, labelled: Labelled, part: Ints, config: RigidFlowConfig) -> None:
+    """Bring those parts to rest that lie on the second sweep as well at rest as by their motion so far.
+
+    Args:
+        state: The sweeps.
+        labelled: Points of the first sweep and their parts.
+        part: (k,) parts.
+        config: The method's settings.
+    """
+    moving = np.unique(labelled.group[state.moves()[labelled.point]])
+    part = np.intersect1d(part, moving)
+    labelled = labelled.among(part)
+    points = sample_surface(state, labelled, len(part), config.icp.fine_points, config)
+    rest = static_poses(points.groups)
+    misfit_so_far = misfit(points, state.target_tree, state.poses(labelled, points.groups))
+    misfit_at_rest = misfit(points, state.target_tree, rest)
     lost = (misfit_so_far > config.max_static_misfit) & (
         misfit_so_far > (1 - config.min_gain) * misfit_at_rest
     )
-    rests = ~moves & (lost | (misfit_at_rest < misfit_so_far))
-    state.move(source, part_of_source, rests, points.groups, rest)
-    state.move(source, part_of_source, moves, points.groups, poses)
+    rests = np.flatnonzero(lost | (misfit_at_rest < misfit_so_far))
+    state.move(labelled, rests, points.groups, rest[rests])
 
 
 def residual_mask(
-    xyz_m: Floats, motion: Floats, label: Ints, tree: cKDTree, other_tree: cKDTree, config: RigidFlowConfig
+    xyz_m: Floats,
+    motion: Floats | None,
+    label: Ints,
+    trees: tuple[cKDTree, cKDTree],
+    finest_rad: float,
+    config: RigidFlowConfig,
 ) -> Bools:
     """Return which of (n,) points lie in small patches whose motion does not put them on the other sweep.
 
     Args:
         xyz_m: (n, 3) points.
-        motion: (n, 4) displacement in metres and turn in radians of each.
+        motion: (n, 4) displacement in metres and turn in radians of each; None at rest.
         label: (n,) points of different labels share no patch.
-        tree: All points of the same sweep.
-        other_tree: Points of the other sweep.
+        trees: All points of the same sweep, and those of the other one.
+        finest_rad: Angle between the points of the sweep where they lie densest.
         config: Patches, surface and the largest misfit of what is explained.
     """
-    edge_m, patch_points = config.residual.patch_m, config.residual.patch_points
-    patch = voxelize(np.column_stack([xyz_m, (label + 0.5) * edge_m]), voxel_m=edge_m).of_point
-    total = int(patch.max(initial=-1)) + 1
-    groups = sample_groups(xyz_m, patch, total=total, max_points=patch_points)
-    motion = group_means(motion, patch, total)
-    poses = Poses(np.arange(total), motion[:, 3], groups.center_m + motion[:, :3])
-    range_m = np.linalg.norm(groups.center_m, axis=1)
+    if not len(xyz_m):
+        return np.zeros(0, np.bool_)
+    tree, other_tree = trees
+    edge_m, max_distance_m = config.residual.patch_m, config.surface.max_distance_m
+    cells = np.floor(np.ascontiguousarray(xyz_m.T) / edge_m).astype(np.int64)
+    patch = number_in_order(row_keys(np.concatenate([cells, label[None]]).T))
+    total = int(patch.max()) + 1
+    groups = sample_groups(xyz_m, patch, total=total, max_points=config.residual.patch_points)
+    poses = static_poses(groups)
+    if motion is not None:
+        mean = group_means(motion, patch, total)
+        poses = Poses(poses.group, mean[:, 3], groups.center_m + mean[:, :3])
+    item, point, moved_m = apply_poses(groups, poses)
+    distance_m, partner = other_tree.query(moved_m, distance_upper_bound=max_distance_m)
+    mean_m = np.bincount(item, np.minimum(distance_m, max_distance_m), total) / groups.size
     # No point spacing is finer: patches within this distance are explained without a surface estimate.
-    near_m = config.max_static_misfit * (
-        config.surface.range_noise_m + config.residual.min_spacing_rad * range_m
+    finest_m = finest_rad * np.linalg.norm(groups.center_m, axis=1)
+    far = np.flatnonzero(mean_m > config.max_static_misfit * (config.surface.range_noise_m + finest_m))
+    surface = estimate_surface(select_groups(groups, far), tree, config.surface)
+    near = relabel(item, far)
+    kept = near >= 0
+    moved = Moved(
+        near[kept], np.arange(np.count_nonzero(kept)), moved_m[kept], distance_m[kept], partner[kept]
     )
-    distance_m = mean_nearest_m(groups, other_tree, poses, config.surface.max_distance_m)
-    far = np.flatnonzero(distance_m > near_m)
-    patch = relabel(patch, far)
-    groups = sample_groups(xyz_m, patch, total=len(far), max_points=patch_points)
-    points = estimate_surface(groups, tree, config.surface)
     poses = Poses(np.arange(len(far)), poses.yaw_rad[far], poses.center_m[far])
-    return np.append(misfit(points, other_tree, poses) > config.max_static_misfit, False)[patch]
+    is_off = np.zeros(total, np.bool_)
+    is_off[far] = misfit_of_pairs(surface, other_tree, poses, moved) > config.max_static_misfit
+    return is_off[patch]

@@ -8,34 +8,38 @@ displacements: on real pairs that is both nearer the truth and faster.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from upvl_cli.perception.clustering import NOISE, dbscan_voxels
 from upvl_cli.perception.flow.config import RigidFlowConfig
-from upvl_cli.perception.flow.displacement_vote import mean_nearest_m
-from upvl_cli.perception.flow.groups import Groups, Poses, apply_poses, relabel, sample_groups, static_poses
-from upvl_cli.perception.flow.residual import move_parts
-from upvl_cli.perception.flow.search import FlowState, search_poses
-from upvl_cli.perception.flow.surface import estimate_surface, misfit
+from upvl_cli.perception.flow.evidence import has_end_shifts, has_evidence
+from upvl_cli.perception.flow.groups import Groups, Poses, apply_poses, relabel
+from upvl_cli.perception.flow.residual import move_parts, residual_mask
+from upvl_cli.perception.flow.screen import Screen, screen_components
+from upvl_cli.perception.flow.search import FlowState, Labelled, TargetPoints, search_poses
+from upvl_cli.perception.flow.spread import spread_motion
+from upvl_cli.perception.flow.sweeps import OtherSweep
+from upvl_cli.perception.flow.third import Third, move_by_third, third_sweep
 from upvl_cli.perception.voxels import voxelize
 from upvl_cli.types import Bools, Floats, Ints
 
 
 def estimate_rigid_flow(
-    source_xyz_m: Floats, target_xyz_m: Floats, dt_s: float, config: RigidFlowConfig
+    source_xyz_m: Floats, others: Sequence[OtherSweep], config: RigidFlowConfig
 ) -> Floats:
     """Estimate the (n, 3) velocity over the ground of each source point in m/s; 0 for static points.
 
     Args:
         source_xyz_m: (n, 3) points above the ground.
-        target_xyz_m: (m, 3) the same of the other sweep, in the axes of the source.
-        dt_s: Time from source to target; negative when the target came before.
+        others: The sweep that the flow leads to, then any that confirm it.
         config: The method's settings.
     """
-    total = len(source_xyz_m)
+    total, (target_xyz_m, dt_s) = len(source_xyz_m), others[0]
     if not total or not len(target_xyz_m):
         return np.zeros((total, 3))
-    state = FlowState.at_rest(source_xyz_m, target_xyz_m, config.max_speed_mps * abs(dt_s))
+    state = FlowState.at_rest(source_xyz_m, target_xyz_m, config.max_speed_mps * abs(dt_s), config.surface)
     component = dbscan_voxels(
         np.concatenate([source_xyz_m, target_xyz_m]),
         eps_m=config.eps_m,
@@ -43,52 +47,74 @@ def estimate_rigid_flow(
         voxel_m=config.voxel_m,
     )
     of_source, of_target = np.split(component, [total])
-    _move_components(state, of_source, of_target, config)
-    move_parts(state, of_source, of_target, config)
+    labelled = Labelled(np.arange(total), of_source)
+    trees = state.source_tree, state.target_tree
+    is_residual = residual_mask(source_xyz_m, None, of_source, trees, state.finest_rad, config)
+    screen = screen_components(state, labelled, is_residual, config)
+    third = third_sweep(state, others, config)
+    _move_components(state, third, labelled, of_target, screen, config)
+    if third is not None:
+        move_by_third(state, third, labelled, screen, config)
+    move_parts(state, third, of_source, of_target, is_residual, config)
+    spread_motion(state, third, is_residual, config)
     return state.shift_m / dt_s
 
 
 def _move_components(
-    state: FlowState, component_of_source: Ints, component_of_target: Ints, config: RigidFlowConfig
+    state: FlowState,
+    third: Third | None,
+    labelled: Labelled,
+    of_target: Ints,
+    screen: Screen,
+    config: RigidFlowConfig,
 ) -> None:
-    """Give each component the motion that explains it better than rest.
+    """Give each component the motion that explains it better than rest, unless the third sweep contradicts.
 
     Args:
         state: The sweeps, and their motion, which is written to.
-        component_of_source: (n,) component of each point of the first sweep, -1 for none.
-        component_of_target: (m,) the same for the second.
+        third: A third sweep.
+        labelled: The points of the first sweep and their components.
+        of_target: (m,) component of each point of the second sweep, -1 for none.
+        screen: How well components fit at rest.
         config: The method's settings.
     """
-    dynamic = _dynamic_components(state, component_of_source, config)
-    of_source, of_target = relabel(component_of_source, dynamic), relabel(component_of_target, dynamic)
+    is_off = screen.misfit > config.max_static_misfit
+    if third is not None:  # what the third sweep explains at rest stands: something hides it in the second
+        is_off[is_off] = third.misfit_at_rest(screen.points, is_off) > config.max_static_misfit
+    # Without a third sweep nothing confirms that a long side slides along itself.
+    slides = (
+        np.zeros_like(is_off)
+        if third is None
+        else has_end_shifts(
+            state,
+            labelled.among(screen.component),
+            relabel(of_target, screen.component),
+            screen.has_residual & ~is_off,
+            config.evidence,
+        )
+    )
+    searched = np.flatnonzero(is_off | slides)
+    component, floor = screen.component[searched], np.where(is_off, config.max_static_misfit, 0.0)[searched]
+    label = relabel(of_target, component)
     # No moving component corresponds to points of a static one, nor of one that only the second sweep has;
     # noise may be a part of it.
-    candidate = (component_of_target == NOISE) | (of_target >= 0)
-    if not len(dynamic) or not candidate.any():
+    candidate = (of_target == NOISE) | (label >= 0)
+    if not len(component) or not candidate.any():
         return
-    every_point = np.arange(len(of_source))
-    points, poses, cost = search_poses(
-        state, every_point, of_source, state.target_m[candidate], of_target[candidate], len(dynamic), config
-    )
-    misfit_at_rest = misfit(points, state.target_tree, static_poses(points.groups))
-    moves = (misfit_at_rest > config.max_static_misfit) & (cost < (1 - config.min_gain) * misfit_at_rest)
-    gain = np.bincount(of_source[of_source >= 0]) * (misfit_at_rest - cost)
-    moves[moves] = occupies_most_cells(points.groups, poses[moves], gain[moves], config.occupancy_cell_m)
-    state.move(every_point, of_source, moves, points.groups, poses)
-
-
-def _dynamic_components(state: FlowState, component: Ints, config: RigidFlowConfig) -> Ints:
-    """Return the numbers of the components whose sampled points do not lie on the other sweep."""
-    total = int(component.max(initial=NOISE)) + 1
-    groups = sample_groups(state.source_m, component, total=total, max_points=config.screen_points)
-    rest = static_poses(groups)
-    distance_m = mean_nearest_m(groups, state.target_tree, rest, config.surface.max_distance_m)
-    off = np.flatnonzero((groups.size >= config.icp.min_pairs) & (distance_m > config.surface.range_noise_m))
-    groups = sample_groups(
-        state.source_m, relabel(component, off), total=len(off), max_points=config.screen_points
-    )
-    points = estimate_surface(groups, state.source_tree, config.surface)
-    return off[misfit(points, state.target_tree, static_poses(groups)) > config.max_static_misfit]
+    labelled = labelled.among(component)
+    candidates = TargetPoints(state.target_m[candidate], label[candidate])
+    found = search_poses(state, labelled, candidates, floor, 1 - config.min_gain, config)
+    needs_evidence = found.is_hidden | (floor[found.group] < config.max_static_misfit)
+    moves = ~needs_evidence
+    if third is not None:
+        moved, rest = third.misfits(found)
+        evident = needs_evidence & (moved < (1 - config.min_gain) * rest)
+        evident[evident] = has_evidence(state, found.select(evident), candidates, config)
+        moves = (moves & (moved <= config.evidence.contradiction * rest)) | evident
+    found = found.select(moves)
+    gain = np.bincount(labelled.group)[found.group] * (found.rest - found.cost)
+    found = found.select(occupies_most_cells(found.points.groups, found.poses, gain, config.occupancy_cell_m))
+    state.move(labelled, found.group, found.points.groups, found.poses)
 
 
 def occupies_most_cells(groups: Groups, poses: Poses, gain: Floats, cell_m: float) -> Bools:

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from upvl_cli.perception.flow.config import FlowSurfaceConfig
 from upvl_cli.perception.flow.groups import Groups, Poses, apply_poses, rotate_about_z
-from upvl_cli.types import Bools, Floats
+from upvl_cli.types import Bools, Floats, Ints
 
 TINY = 1e-30  # keeps points that all lie in one place from dividing by nothing
 
@@ -58,6 +58,22 @@ def estimate_surface(groups: Groups, tree: cKDTree, config: FlowSurfaceConfig) -
     return LocalSurface(groups, spacing_m, normal, is_flat, config)
 
 
+def finest_spacing_rad(xyz_m: Floats, tree: cKDTree, config: FlowSurfaceConfig) -> float:
+    """Measure the angle between neighboring points of a sweep where they lie densest.
+
+    Args:
+        xyz_m: (n, 3) points from the sensor.
+        tree: The same points.
+        config: The neighborhood, the share of points that lie denser, and how many are looked at.
+    """
+    sample_m = xyz_m[:: max(1, len(xyz_m) // config.spacing_points)]
+    width_m = tree.query(sample_m, k=[config.neighbors + 1])[0][:, 0]
+    range_m = np.maximum(np.linalg.norm(sample_m, axis=1), TINY)
+    spacing_rad = 0.5 * np.sqrt(np.pi / config.neighbors) * width_m / range_m
+    spacing_rad = spacing_rad[np.isfinite(spacing_rad)]
+    return float(np.quantile(spacing_rad, config.spacing_quantile)) if len(spacing_rad) else 0.0
+
+
 def _fit_planes(patch: Floats, max_flatness: float) -> tuple[Floats, Bools]:
     """Return the normals of the (n, k, 3) patches' best planes, and which patches are flat.
 
@@ -94,12 +110,45 @@ def misfit(surface: LocalSurface, tree: cKDTree, poses: Poses) -> Floats:
         tree: Points of the other sweep.
         poses: h hypotheses.
     """
-    max_distance_m = surface.config.max_distance_m
     item, point, xyz_m = apply_poses(surface.groups, poses)
-    distance, partner = tree.query(xyz_m, distance_upper_bound=max_distance_m)
+    near = tree.query(xyz_m, distance_upper_bound=surface.config.max_distance_m)
+    return misfit_of_pairs(surface, tree, poses, Moved(item, point, xyz_m, *near))
+
+
+class Moved(NamedTuple):
+    """Points of hypotheses where these put them.
+
+    Attributes:
+        item: (n,) hypothesis of each, ascending.
+        point: (n,) which point it is.
+        xyz_m: (n, 3) where it is.
+        distance_m: (n,) distance to the nearest point of the other sweep; infinite where there is none near.
+        partner: (n,) that point.
+    """
+
+    item: Ints
+    point: Ints
+    xyz_m: Floats
+    distance_m: Floats
+    partner: Ints
+
+
+def misfit_of_pairs(surface: LocalSurface, tree: cKDTree, poses: Poses, moved: Moved) -> Floats:
+    """Return the (h,) misfits of hypotheses whose nearest points are known.
+
+    Args:
+        surface: Points with the surface around them.
+        tree: Points of the other sweep.
+        poses: h hypotheses.
+        moved: Their points.
+    """
+    max_distance_m = surface.config.max_distance_m
+    item, point, xyz_m, distance, partner = moved
     found = np.isfinite(distance)
     residual_m = tree.data[np.where(found, partner, 0)] - xyz_m
-    normal = rotate_about_z(poses.yaw_rad[item], surface.normal[point])
+    normal = surface.normal[point]
+    if poses.yaw_rad.any():
+        normal = rotate_about_z(poses.yaw_rad[item], normal)
     across_m = np.einsum("ni,ni->n", residual_m, normal)
     along_m = np.sqrt(np.maximum(np.einsum("ni,ni->n", residual_m, residual_m) - across_m**2, 0))
     spacing_m = surface.spacing_m[point]

@@ -130,7 +130,9 @@ def _start(points_m: Floats, near_m: Floats, max_shift_m: float, config: NsfpPlu
         points_m, np.zeros(len(points_m), np.int64), total=1, max_points=config.vote.max_points
     )
     center_m = groups.center_m + shift_m
-    poses = start_hypotheses(groups, near_m, center_m, max_shift_m, config.vote)
+    poses = start_hypotheses(
+        groups, np.arange(1), np.ones(1, bool), near_m, center_m, max_shift_m, config.vote
+    )
     distance_m = mean_nearest_m(groups, build_tree(near_m), poses, NO_PARTNER_M)
     return np.asarray(poses.center_m[int(distance_m.argmin())] - groups.center_m[0])
 
