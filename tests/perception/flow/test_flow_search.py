@@ -257,7 +257,7 @@ def found_in(state: FlowState, config: RigidFlowConfig, near: np.ndarray | None 
     """What the search finds for all points as one group that stands nowhere."""
     labelled = Labelled(np.arange(len(state.source_m)), np.zeros(len(state.source_m), np.int64))
     target = TargetPoints(state.target_m, np.full(len(state.target_m), -1) if near is None else near)
-    return search_poses(state, labelled, target, np.zeros(1), 1e9, config)
+    return search_poses(state, labelled, target, np.zeros(1), np.full(1, 1e9), config)
 
 
 def shift_m_of(found: Found) -> np.ndarray:
@@ -346,14 +346,14 @@ def test_a_pose_of_too_high_a_cost_is_not_found(share: float, count: int) -> Non
     state = state_of(box(), box(1) + (2.0, 1.0, 0))
     labelled = Labelled(np.arange(600), np.zeros(600, np.int64))
     target = TargetPoints(state.target_m, np.full(600, -1))
-    assert len(search_poses(state, labelled, target, np.zeros(1), share, CONFIG).group) == count
+    assert len(search_poses(state, labelled, target, np.zeros(1), np.full(1, share), CONFIG).group) == count
 
 
 def test_what_lies_on_the_other_sweep_is_not_searched() -> None:
     state = state_of(box(), box(1) + (2.0, 1.0, 0))
     labelled = Labelled(np.arange(600), np.zeros(600, np.int64))
     target = TargetPoints(state.target_m, np.full(600, -1))
-    assert len(search_poses(state, labelled, target, np.full(1, 5.0), 1e9, CONFIG).group) == 0
+    assert len(search_poses(state, labelled, target, np.full(1, 5.0), np.full(1, 1e9), CONFIG).group) == 0
 
 
 def test_a_shift_that_long_sides_hold_back_is_stretched() -> None:
