@@ -36,7 +36,7 @@ def on_drives(folder: Path, dataset: str, root: Path, segments: list[str]) -> Pa
     return folder
 
 
-def on_city(folder: Path, **values: int) -> Path:
+def on_city(folder: Path, **values: int | str) -> Path:
     """Make a workspace in `folder` for drives of the built-in city, with some values of `synthetic.toml` changed."""
     folder.mkdir(parents=True, exist_ok=True)
     shutil.rmtree(folder / "stages", ignore_errors=True)

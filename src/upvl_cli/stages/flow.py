@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import TYPE_CHECKING, Any, Literal
 
 from upvl_cli.config.base import Config, setting, table
@@ -181,12 +182,14 @@ def _triples(inputs: Inputs, min_interval_s: float, confirm_interval_s: float) -
 
     times_s = [(pose.time_ns - poses[0].time_ns) * 1e-9 for pose in poses]
     others = [other_steps(times_s, step, min_interval_s, confirm_interval_s) for step in range(len(poses))]
+    first = [min([step, *compared]) for step, compared in enumerate(others)]
+    needed_from = list(accumulate(reversed(first), min))[::-1]
     coming = in_order(sweep, range(len(poses)))
     sweeps: dict[int, tuple[Array, Array]] = {}
     for step, pose in enumerate(poses):
         while max(sweeps, default=-1) < max([step, *others[step]]):
             sweeps[max(sweeps, default=-1) + 1] = next(coming)
-        for past in [past for past in sweeps if past < min([step, *others[step]])]:
+        for past in [past for past in sweeps if past < needed_from[step]]:
             del sweeps[past]
         here = inverse(pose.world_from_ego)
         seen = [

@@ -34,10 +34,10 @@ def start_hypotheses(
     for number in chosen:
         first = groups.first[number]
         shifts = np.stack([np.zeros(2), (target_center_m[number] - groups.center_m[number])[:2]])
+        shifts = shifts[np.hypot(*shifts.T) <= max_shift_m]  # false for what is not finite
         if votes[number]:
             xyz_m = groups.xyz_m[first : first + groups.size[number]]
             shifts = np.concatenate([shifts, _vote(xyz_m, target_m, max_shift_m, config)])
-        shifts = shifts[np.isfinite(shifts).all(axis=1)]
         group.append(np.full(len(shifts), number))
         shift_m.append(shifts)
     group_of_hypothesis = np.concatenate(group)

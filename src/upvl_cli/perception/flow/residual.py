@@ -126,7 +126,8 @@ def _decide(
     """
     floor = np.full(total, config.max_static_misfit)
     # Beside other objects something that fits by chance is easier to find: the gain is asked for twice.
-    found = search_poses(state, labelled, candidates, floor, (1 - config.min_gain) ** 2, config)
+    share = np.full(total, (1 - config.min_gain) ** 2)
+    found = search_poses(state, labelled, candidates, floor, share, config)
     found = found.select(~found.is_hidden)
     _rest(state, labelled, np.setdiff1d(np.arange(total), found.group), config)
     state.move(labelled, found.group, found.points.groups, found.poses)

@@ -103,7 +103,9 @@ def _move_components(
         return
     labelled = labelled.among(component)
     candidates = TargetPoints(state.target_m[candidate], label[candidate])
-    found = search_poses(state, labelled, candidates, floor, 1 - config.min_gain, config)
+    # The misfit of a long side drops little; its ends and the third sweep decide.
+    share = np.where(is_off[searched], 1 - config.min_gain, 1.0)
+    found = search_poses(state, labelled, candidates, floor, share, config)
     needs_evidence = found.is_hidden | (floor[found.group] < config.max_static_misfit)
     moves = ~needs_evidence
     if third is not None:

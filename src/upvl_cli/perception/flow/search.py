@@ -186,7 +186,7 @@ def search_poses(
     labelled: Labelled,
     candidates: TargetPoints,
     floor: Floats,
-    share: float,
+    share: Floats,
     config: RigidFlowConfig,
 ) -> Found:
     """Search the pose of lowest cost of each group among points of the other sweep.
@@ -199,7 +199,7 @@ def search_poses(
         labelled: Points of the first sweep and their groups.
         candidates: Points of the second that groups may correspond to.
         floor: (g,) misfit at rest up to which a group stands.
-        share: Cost below which a pose is of use, as a share of the misfit of the motion so far and of that at rest.
+        share: (g,) cost below which a pose is of use, as a share of the misfit so far and of that at rest.
         config: The search.
 
     Returns:
@@ -237,7 +237,7 @@ def search_poses(
     rest, best = _misfits_so_far(state, labelled, points)
     is_hidden = observable_share(points, poses) < config.plausibility.min_observable_share
     return Found(group, points, poses, cost, rest, is_hidden).select(
-        (rest > floor[group]) & (cost < share * best)
+        (rest > floor[group]) & (cost < share[group] * best)
     )
 
 

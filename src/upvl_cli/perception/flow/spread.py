@@ -28,7 +28,7 @@ def rest_where_explained(
         config: The shares.
     """
     rests = remains & ~is_residual & (component >= 0)
-    total = int(component.max(initial=-1)) + 1
+    total = int(component.max(initial=0)) + 1
     resting, remaining = (np.bincount(component[part], minlength=total) for part in (rests, remains))
     size = np.bincount(component[component >= 0], minlength=total)
     is_mixed = (resting > config.mixed_share * size) & (resting > config.mixed_ratio * remaining)
@@ -71,4 +71,5 @@ def _is_nearer(state: FlowState, here_m: Floats, shift_m: Floats, config: RigidF
     """Return (n,) whether shifts bring points clearly nearer to the target."""
     at_rest_m = state.target_tree.query(here_m)[0]
     moved_m = state.target_tree.query(here_m + shift_m, distance_upper_bound=config.surface.max_distance_m)[0]
-    return np.asarray(moved_m < (1 - config.min_gain) * at_rest_m)
+    is_far = at_rest_m > config.evidence.min_change_m
+    return np.asarray(is_far & (moved_m < (1 - config.min_gain) * at_rest_m))

@@ -43,10 +43,13 @@ def other_steps(
     if later is None and earlier is None:
         ends = sorted({0, len(times_s) - 1} - {step}, key=lambda end: -abs(times_s[end] - times_s[step]))
         return tuple(ends[:1])
-    target, sides = (earlier, (_later, _earlier)) if later is None else (later, (_earlier, _later))
+    away, back = (_earlier, _later) if later is None else (_later, _earlier)
+    target = earlier if later is None else later
     assert target is not None
-    confirming = (side(times_s, step, confirm_interval_s) for side in sides)
-    return next(((target, other) for other in confirming if other is not None and other != target), (target,))
+    confirming = back(times_s, step, confirm_interval_s)
+    if confirming is None:
+        confirming = away(times_s, target, confirm_interval_s - abs(times_s[target] - times_s[step]))
+    return (target,) if confirming is None else (target, confirming)
 
 
 def _later(times_s: Sequence[float], step: int, min_interval_s: float) -> int | None:

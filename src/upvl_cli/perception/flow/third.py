@@ -89,7 +89,7 @@ def move_by_third(
         labelled,
         TargetPoints(target_m, np.full(len(target_m), -1)),
         np.full(len(component), config.max_static_misfit),
-        1 - config.min_gain,
+        np.full(len(component), 1 - config.min_gain),
         config,
     )
     found = found.select(~found.is_hidden)
