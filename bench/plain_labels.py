@@ -26,15 +26,18 @@ try:
 except ImportError:
     pypatchworkpp = None
 
-REACH_M = 80.0
-VOXEL_M, EPS_M, MIN_VOXELS, MIN_POINTS = 0.2, 1.0, 4, 8
+REACH_M = 100.0
+VOXEL_M, EPS_M, MIN_VOXELS, MIN_POINTS = 0.2, 1.0, 3, 6
 LOWEST_M, HIGHEST_M = 0.25, 4.5  # above the ground: kerbs below, crowns above
 SENSOR_M = 1.73
 FASTEST_MPS = 30.0
-ICP_STEPS, ICP_POINTS, ICP_M = 12, 250, 1.0
+ICP_STEPS, ICP_POINTS, ICP_M = 10, 150, 1.0
+WORSE_M, CLEARLY = 0.1, 0.7  # other starts are tried above this residual, and must be so much better
 GATE_M, MOST_MISSED, LEAST_FRAMES = 2.5, 3, 3
 MOVING_MPS, LEAST_WAY_M = 1.0, 1.5
-SIZE_PERCENTILE = 90.0
+SIZE_PERCENTILE = 92.0
+WIDEST_M = 3.2  # of what drives
+CAR_M = (4.5, 1.8)  # what drives and is wider than a rider is no smaller
 
 
 class Cluster(NamedTuple):
@@ -76,6 +79,13 @@ def labels(
         other = place + 1 if place + 1 < len(sweeps) else place - 1
         dt = time_s[other] - time_s[place] if len(sweeps) > 1 else 1.0
         clusters.append(_clusters(xyz, beneath, sweeps[other][0] if len(sweeps) > 1 else xyz, dt))
+    return _labels_of(clusters, drive, world_from_ego, time_s)
+
+
+def _labels_of(
+    clusters: list[list[Cluster]], drive: Drive, world_from_ego: np.ndarray, time_s: np.ndarray
+) -> dict[str, dict[int, TrackedBoxes]]:
+    """Return the boxes that the tracks of clusters make."""
     tracks = [track for track in _tracks(clusters, time_s) if len(track.seen) >= LEAST_FRAMES]
     found: dict[str, dict[int, list[tuple[Any, ...]]]] = {
         mode: {frame.index: [] for frame in drive.frames} for mode in ("moving", "all")
@@ -102,13 +112,14 @@ def _standing(
     else:
         assert ground is not None
         ground = ground[near]
-    floor = _voxels(xyz[ground], 0.5)
+    floor = _voxels(
+        xyz[ground], 0.5
+    )  # of the voxels around, a low one: what a kerb or a bonnet adds is no ground
     if not len(floor):
         return np.zeros((0, 3)), np.zeros(0)
     above = xyz[~ground]
-    # The floor is the lowest of the ground around: what a kerb adds is no object.
-    _, nearest = cKDTree(floor[:, :2]).query(above[:, :2], k=min(4, len(floor)))
-    beneath = np.sort(floor[nearest.reshape(len(above), -1), 2], axis=1)[:, 0]
+    _, nearest = cKDTree(floor[:, :2]).query(above[:, :2], k=min(8, len(floor)))
+    beneath = floor[nearest.reshape(len(above), -1), 2].min(axis=1)
     height = above[:, 2] - beneath
     kept = (height > LOWEST_M) & (height < HIGHEST_M)
     lifted = np.column_stack([above[kept, :2], beneath[kept]])
@@ -172,26 +183,27 @@ def _icp(cluster: np.ndarray, tree: cKDTree, dt: float) -> np.ndarray:
     middle = xyz.mean(axis=0)
     reach = min(FASTEST_MPS * abs(dt), 6.0)
     around = tree.data[tree.query_ball_point(middle, reach + 2.0)]
-    starts = [np.zeros(3)]
-    if len(around):
-        local = np.array([0.0, *np.linspace(-reach, reach, 7)])
-        grid = np.array([(x, y, 0.0) for x in local for y in local if 0 < np.hypot(x, y) <= reach])
-        off = [_residual(xyz + shift, tree) for shift in grid] if len(xyz) > 15 else []
-        starts += [grid[place] for place in np.argsort(off)[:2]]
-    best, velocity = np.inf, np.zeros(3)
-    for start in starts:
-        moved = xyz + start
-        for _ in range(ICP_STEPS):
-            off, nearest = tree.query(moved, distance_upper_bound=ICP_M)
-            met = np.isfinite(off)
-            if met.sum() < 6:
-                break
-            moved = _aligned(moved, moved[met], tree.data[nearest[met]])
-        residual = _residual(moved, tree)
-        # A move must be clearly better than none.
-        if residual < best - (0.02 if np.isfinite(best) else 0.0):
-            best, velocity = residual, (moved.mean(axis=0) - middle) / dt
-    return velocity
+    best, shift = _converged(xyz, tree)
+    if best > WORSE_M and len(around) and len(xyz) > 15:
+        local = np.linspace(-reach, reach, 9)
+        grid = np.array([(x, y, 0.0) for x in local for y in local if np.hypot(x, y) <= reach])
+        for start in grid[np.argsort([_residual(xyz + start, tree) for start in grid])[:2]]:
+            residual, moved = _converged(xyz + start, tree)
+            if residual < CLEARLY * best:
+                best, shift = residual, moved + start
+    return shift / dt
+
+
+def _converged(xyz: np.ndarray, tree: cKDTree) -> tuple[float, np.ndarray]:
+    """Residual after ICP, and how far the middle went."""
+    moved = xyz
+    for _ in range(ICP_STEPS):
+        off, nearest = tree.query(moved, distance_upper_bound=ICP_M)
+        met = np.isfinite(off)
+        if met.sum() < 6:
+            break
+        moved = _aligned(moved, moved[met], tree.data[nearest[met]])
+    return _residual(moved, tree), moved.mean(axis=0) - xyz.mean(axis=0)
 
 
 def _residual(xyz: np.ndarray, tree: cKDTree) -> float:
@@ -258,10 +270,19 @@ def _boxes(
     """Whether a track moves, and its boxes by place of their frame, in ego axes."""
     places = sorted(track.seen)
     middles = np.array([track.seen[place].xyz_m.mean(axis=0) for place in places])
-    way = float(np.linalg.norm(middles[-1, :2] - middles[0, :2]))
+    velocities = np.array([track.seen[place].velocity_mps[:2] for place in places])
     took_s = max(float(time_s[places[-1]] - time_s[places[0]]), 1e-3)
-    speed = np.median([np.linalg.norm(track.seen[place].velocity_mps[:2]) for place in places])
-    moves = way > LEAST_WAY_M and min(speed, way / took_s * 1.5) > MOVING_MPS
+    # A mover goes where both its middles and its surfaces go, and in one direction.
+    mean = velocities.mean(axis=0)
+    way = middles[-1, :2] - middles[0, :2]
+    along = float(way @ mean) / max(float(np.linalg.norm(mean)), 1e-9)
+    coherence = np.linalg.norm(mean) / max(float(np.linalg.norm(velocities, axis=1).mean()), 1e-9)
+    # How well the two ways of measuring agree from sweep to sweep.
+    steps = np.diff(middles[:, :2], axis=0) / np.maximum(np.diff(time_s[places]), 1e-3)[:, None]
+    off = np.linalg.norm(steps - velocities[:-1], axis=1)
+    disagreement = float(np.median(off)) / (0.5 + float(np.linalg.norm(mean)))
+    moves = along > max(LEAST_WAY_M, 0.7 * took_s) and np.linalg.norm(mean) > 0.8 * MOVING_MPS
+    moves = moves and coherence > 0.6 and disagreement < 0.6
     headings, seen = [], []
     for at, place in enumerate(places):
         span = middles[min(at + 2, len(places) - 1)] - middles[max(at - 2, 0)]
@@ -271,9 +292,14 @@ def _boxes(
         seen.append(_extent(xyz, heading))
     low, high = (np.array([box[side] for box in seen]) for side in (0, 1))
     size = np.percentile(high - low, SIZE_PERCENTILE, axis=0)
+    moves = moves and size[1] < WIDEST_M
+    if moves and size[1] < CAR_M[1]:  # of walkers and riders single points make too much
+        size[1] = np.median((high - low)[:, 1])
+    if moves and size[1] > 1.1 and np.linalg.norm(mean) > 2.5:
+        size[:2] = np.maximum(size[:2], CAR_M)
     feet = np.array([track.seen[place].ground_m for place in places])
     height = max(float(np.percentile(high[:, 2] - feet, SIZE_PERCENTILE)), 0.3)
-    score = _score(track, size, moves)
+    score = _score(track, size, moves, float(coherence) * np.exp(-disagreement))
     rows = []
     for at, place in enumerate(places):
         pose = poses[place]
@@ -300,7 +326,7 @@ def _extent(xyz: np.ndarray, heading: float) -> tuple[np.ndarray, np.ndarray]:
     """Lowest and highest along the heading, across it and upwards."""
     cos, sin = np.cos(heading), np.sin(heading)
     turned = np.column_stack([xyz[:, :2] @ np.array([[cos, -sin], [sin, cos]]), xyz[:, 2]])
-    return np.percentile(turned, 1, axis=0), np.percentile(turned, 99, axis=0)
+    return np.percentile(turned, 2, axis=0), np.percentile(turned, 98, axis=0)
 
 
 def _rectangle(xy: np.ndarray) -> float:
@@ -315,12 +341,12 @@ def _rectangle(xy: np.ndarray) -> float:
     return float(angles[best] + (np.pi / 2 if across[best] > along[best] else 0.0))
 
 
-def _score(track: Track, size: np.ndarray, moves: bool) -> float:
+def _score(track: Track, size: np.ndarray, moves: bool, agreement: float) -> float:
     """Points seen times length of the track, and for what stands times how plausible its size is."""
     points = np.median([len(one.xyz_m) for one in track.seen.values()])
     grown = (1 - np.exp(-points / 60)) * (1 - np.exp(-len(track.seen) / 6))
     if moves:
-        return float(0.5 + 0.5 * grown)
+        return float(0.5 + 0.5 * grown * agreement)
     length, width, height = size
     car = np.exp(-(((length - 4.2) / 1.6) ** 2) - ((width - 1.7) / 0.7) ** 2 - ((height - 1.3) / 0.5) ** 2)
     walker = np.exp(-(((length - 0.7) / 0.5) ** 2) - ((width - 0.5) / 0.4) ** 2 - ((height - 1.4) / 0.4) ** 2)
