@@ -30,6 +30,7 @@ from pathlib import Path
 
 import numpy as np
 
+import plain_clusters
 import plain_labels
 from box_errors import BoxErrors, box_errors, gains
 from upvl_cli.commands.pipeline import PIPELINE
@@ -116,7 +117,9 @@ def visible_boxes(workspace: Workspace, segments: Sequence[str]) -> dict[tuple[s
 def plain(base: Workspace, segment: str, keep: Path) -> dict[str, dict[int, TrackedBoxes]]:
     """Return the plain script's boxes by mode and frame, from the file of an earlier run where nothing changed."""
     stamps = [base.shard_stamp(stage, segment) for stage in STAGES if stage.name in ("odometry", "ground")]
-    source = Path(plain_labels.__file__).read_text() + str(plain_labels.pypatchworkpp is None)
+    source = "".join(Path(part.__file__).read_text() for part in (plain_labels, plain_clusters)) + str(
+        plain_labels.pypatchworkpp is None
+    )
     key = hashlib.sha256("".join([source, *stamps]).encode()).hexdigest()
     path = keep / f"plain-{segment}.pickle"
     if path.exists():

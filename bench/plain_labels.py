@@ -8,41 +8,22 @@ the track and how plausible its size is for a road user. `bench/labels.py` runs 
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
 from scipy.optimize import linear_sum_assignment
-from scipy.spatial import cKDTree
-from sklearn.cluster import DBSCAN
 
+from plain_clusters import Cluster, clusters_of, machine, pypatchworkpp, standing
 from upvl_cli.geometry.se3 import apply, inverse
-from upvl_cli.types import Drive, Points, TrackedBoxes
+from upvl_cli.types import Drive, TrackedBoxes
 
-try:
-    import pypatchworkpp
-except ImportError:
-    pypatchworkpp = None
-
-REACH_M = 80.0
-VOXEL_M, EPS_M, MIN_VOXELS, MIN_POINTS = 0.2, 1.0, 4, 8
-LOWEST_M, HIGHEST_M = 0.25, 4.5  # above the ground: kerbs below, crowns above
-SENSOR_M = 1.73
-FASTEST_MPS = 30.0
-ICP_STEPS, ICP_POINTS, ICP_M = 12, 250, 1.0
 GATE_M, MOST_MISSED, LEAST_FRAMES = 2.5, 3, 3
 MOVING_MPS, LEAST_WAY_M = 1.0, 1.5
-SIZE_PERCENTILE = 90.0
-
-
-class Cluster(NamedTuple):
-    """What stands apart in one sweep, in world axes but for `ground_m`."""
-
-    xyz_m: np.ndarray
-    velocity_mps: np.ndarray
-    ground_m: float
+SIZE_PERCENTILE = 92.0
+WIDEST_M = 3.2  # of what drives
+CAR_M = (4.5, 1.8)  # what drives and is wider than a rider is no smaller
 
 
 @dataclass
@@ -66,16 +47,23 @@ def labels(
         is_ground: By frame, what is ground where Patchwork++ is not installed.
     """
     time_s = np.array([frame.time_ns for frame in drive.frames]) / 1e9
-    machine = _machine() if pypatchworkpp is not None else None
+    patchwork = machine() if pypatchworkpp is not None else None
     sweeps = [
-        _standing(machine, drive, drive.points(frame.index), is_ground.get(frame.index), pose)
+        standing(patchwork, drive, drive.points(frame.index), is_ground.get(frame.index), pose)
         for frame, pose in zip(drive.frames, world_from_ego, strict=True)
     ]
     clusters = []
     for place, (xyz, beneath) in enumerate(sweeps):
         other = place + 1 if place + 1 < len(sweeps) else place - 1
         dt = time_s[other] - time_s[place] if len(sweeps) > 1 else 1.0
-        clusters.append(_clusters(xyz, beneath, sweeps[other][0] if len(sweeps) > 1 else xyz, dt))
+        clusters.append(clusters_of(xyz, beneath, sweeps[other][0] if len(sweeps) > 1 else xyz, dt))
+    return _labels_of(clusters, drive, world_from_ego, time_s)
+
+
+def _labels_of(
+    clusters: list[list[Cluster]], drive: Drive, world_from_ego: np.ndarray, time_s: np.ndarray
+) -> dict[str, dict[int, TrackedBoxes]]:
+    """Return the boxes that the tracks of clusters make."""
     tracks = [track for track in _tracks(clusters, time_s) if len(track.seen) >= LEAST_FRAMES]
     found: dict[str, dict[int, list[tuple[Any, ...]]]] = {
         mode: {frame.index: [] for frame in drive.frames} for mode in ("moving", "all")
@@ -88,127 +76,6 @@ def labels(
             if moves:
                 found["moving"][index].append(row)
     return {mode: {index: _tracked(rows) for index, rows in frames.items()} for mode, frames in found.items()}
-
-
-def _standing(
-    machine: Any, drive: Drive, points: Points, ground: np.ndarray | None, pose: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """World places of what stands above the ground, and how high the ground is below each."""
-    near = np.hypot(*points.xyz_ego_m[:, :2].T) < REACH_M
-    near &= np.isfinite(points.xyz_ego_m).all(axis=1)
-    xyz = points.xyz_ego_m[near].astype(np.float64)
-    if machine is not None:
-        ground = _patchwork(machine, xyz, points.intensity[near], drive.ground_z_m)
-    else:
-        assert ground is not None
-        ground = ground[near]
-    floor = _voxels(xyz[ground], 0.5)
-    if not len(floor):
-        return np.zeros((0, 3)), np.zeros(0)
-    above = xyz[~ground]
-    # The floor is the lowest of the ground around: what a kerb adds is no object.
-    _, nearest = cKDTree(floor[:, :2]).query(above[:, :2], k=min(4, len(floor)))
-    beneath = np.sort(floor[nearest.reshape(len(above), -1), 2], axis=1)[:, 0]
-    height = above[:, 2] - beneath
-    kept = (height > LOWEST_M) & (height < HIGHEST_M)
-    lifted = np.column_stack([above[kept, :2], beneath[kept]])
-    return apply(pose, above[kept]), apply(pose, lifted)[:, 2]
-
-
-def _machine() -> Any:
-    """Patchwork++, which greets on the terminal when it is made; it adapts from sweep to sweep of one drive."""
-    settings = pypatchworkpp.Parameters()
-    settings.sensor_height, settings.verbose, settings.enable_RNR = SENSOR_M, False, False
-    settings.min_range, settings.max_range = 1.0, REACH_M
-    terminal = os.dup(1)
-    with open(os.devnull, "w") as nowhere:
-        os.dup2(nowhere.fileno(), 1)
-        try:
-            return pypatchworkpp.patchworkpp(settings)
-        finally:
-            os.dup2(terminal, 1)
-            os.close(terminal)
-
-
-def _patchwork(machine: Any, xyz: np.ndarray, intensity: np.ndarray, ground_z_m: float) -> np.ndarray:
-    lowered = xyz - [0, 0, ground_z_m + SENSOR_M]
-    machine.estimateGround(np.column_stack([lowered, intensity]).astype(np.float32))
-    ground = np.zeros(len(xyz), dtype=bool)
-    ground[np.asarray(machine.getGroundIndices(), dtype=np.int64)] = True
-    return ground
-
-
-def _voxels(xyz: np.ndarray, size_m: float) -> np.ndarray:
-    """Mean place in each voxel."""
-    _, owner = np.unique(np.floor(xyz / size_m).astype(np.int64), axis=0, return_inverse=True)
-    owner = owner.ravel()
-    count = np.bincount(owner)
-    return np.column_stack([np.bincount(owner, weights=xyz[:, axis]) / count for axis in range(3)])
-
-
-def _clusters(xyz: np.ndarray, beneath: np.ndarray, following: np.ndarray, dt: float) -> list[Cluster]:
-    if not len(xyz):
-        return []
-    keys, owner = np.unique(np.floor(xyz / VOXEL_M).astype(np.int64), axis=0, return_inverse=True)
-    label = DBSCAN(eps=EPS_M, min_samples=MIN_VOXELS).fit(keys * VOXEL_M).labels_[owner.ravel()]
-    order = np.argsort(label, kind="stable")
-    starts = np.searchsorted(label[order], np.arange(label.max() + 2))
-    tree = cKDTree(following) if len(following) else None
-    found = []
-    for first, last in zip(starts[:-1], starts[1:], strict=True):
-        mine = order[first:last]
-        size = np.ptp(xyz[mine], axis=0)
-        if len(mine) < MIN_POINTS or size.max() > 25 or size[2] < 0.3:
-            continue
-        velocity = _icp(xyz[mine], tree, dt) if tree is not None else np.zeros(3)
-        found.append(Cluster(xyz[mine], velocity, float(np.median(beneath[mine]))))
-    return found
-
-
-def _icp(cluster: np.ndarray, tree: cKDTree, dt: float) -> np.ndarray:
-    """Velocity of the cluster's middle: the best of a few starts of ICP with a turn about the vertical."""
-    step = max(1, len(cluster) // ICP_POINTS)
-    xyz = cluster[::step]
-    middle = xyz.mean(axis=0)
-    reach = min(FASTEST_MPS * abs(dt), 6.0)
-    around = tree.data[tree.query_ball_point(middle, reach + 2.0)]
-    starts = [np.zeros(3)]
-    if len(around):
-        local = np.array([0.0, *np.linspace(-reach, reach, 7)])
-        grid = np.array([(x, y, 0.0) for x in local for y in local if 0 < np.hypot(x, y) <= reach])
-        off = [_residual(xyz + shift, tree) for shift in grid] if len(xyz) > 15 else []
-        starts += [grid[place] for place in np.argsort(off)[:2]]
-    best, velocity = np.inf, np.zeros(3)
-    for start in starts:
-        moved = xyz + start
-        for _ in range(ICP_STEPS):
-            off, nearest = tree.query(moved, distance_upper_bound=ICP_M)
-            met = np.isfinite(off)
-            if met.sum() < 6:
-                break
-            moved = _aligned(moved, moved[met], tree.data[nearest[met]])
-        residual = _residual(moved, tree)
-        # A move must be clearly better than none.
-        if residual < best - (0.02 if np.isfinite(best) else 0.0):
-            best, velocity = residual, (moved.mean(axis=0) - middle) / dt
-    return velocity
-
-
-def _residual(xyz: np.ndarray, tree: cKDTree) -> float:
-    return float(np.minimum(tree.query(xyz, distance_upper_bound=ICP_M)[0], ICP_M).mean())
-
-
-def _aligned(xyz: np.ndarray, source: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Turn about the vertical and shift so that the source meets the target best."""
-    a, b = source.mean(axis=0), target.mean(axis=0)
-    p, q = source - a, target - b
-    yaw = np.arctan2((p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum(), (p[:, :2] * q[:, :2]).sum())
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    away = xyz - a
-    turned = np.column_stack(
-        [cos * away[:, 0] - sin * away[:, 1], sin * away[:, 0] + cos * away[:, 1], away[:, 2]]
-    )
-    return np.asarray(turned + b)
 
 
 def _tracks(clusters: list[list[Cluster]], time_s: np.ndarray) -> list[Track]:
@@ -252,55 +119,90 @@ def _middle(xyz: np.ndarray) -> np.ndarray:
     return np.asarray((xyz.min(axis=0) + xyz.max(axis=0)) / 2)
 
 
+@dataclass(frozen=True)
+class Travel:
+    """How a track goes.
+
+    Attributes:
+        middles_m: (n, 3) mean of its points in each of its frames.
+        speed_mps: Length of its mean velocity by ICP.
+        moves: Whether it goes anywhere.
+        agreement: From 0 to 1, how steadily it goes, and how well both ways of measuring agree.
+    """
+
+    middles_m: np.ndarray
+    speed_mps: float
+    moves: bool
+    agreement: float
+
+
+def _travel(clusters: list[Cluster], time_s: np.ndarray) -> Travel:
+    """Tell how a track goes: a mover goes where both its middles and its surfaces go, and in one direction."""
+    middles = np.array([one.xyz_m.mean(axis=0) for one in clusters])
+    velocities = np.array([one.velocity_mps[:2] for one in clusters])
+    mean = velocities.mean(axis=0)
+    speed = float(np.linalg.norm(mean))
+    along = float((middles[-1, :2] - middles[0, :2]) @ mean) / max(speed, 1e-9)
+    coherence = speed / max(float(np.linalg.norm(velocities, axis=1).mean()), 1e-9)
+    steps = np.diff(middles[:, :2], axis=0) / np.maximum(np.diff(time_s), 1e-3)[:, None]
+    off = float(np.median(np.linalg.norm(steps - velocities[:-1], axis=1))) / (0.5 + speed)
+    moves = along > max(LEAST_WAY_M, 0.7 * float(time_s[-1] - time_s[0])) and speed > 0.8 * MOVING_MPS
+    return Travel(middles, speed, moves and coherence > 0.6 and off < 0.6, coherence * float(np.exp(-off)))
+
+
 def _boxes(
     track: Track, poses: np.ndarray, time_s: np.ndarray
 ) -> tuple[bool, list[tuple[int, tuple[Any, ...]]]]:
     """Whether a track moves, and its boxes by place of their frame, in ego axes."""
     places = sorted(track.seen)
-    middles = np.array([track.seen[place].xyz_m.mean(axis=0) for place in places])
-    way = float(np.linalg.norm(middles[-1, :2] - middles[0, :2]))
-    took_s = max(float(time_s[places[-1]] - time_s[places[0]]), 1e-3)
-    speed = np.median([np.linalg.norm(track.seen[place].velocity_mps[:2]) for place in places])
-    moves = way > LEAST_WAY_M and min(speed, way / took_s * 1.5) > MOVING_MPS
-    headings, seen = [], []
-    for at, place in enumerate(places):
+    clusters = [track.seen[place] for place in places]
+    travel = _travel(clusters, time_s[places])
+    middles, headings, seen = travel.middles_m, [], []
+    for at, one in enumerate(clusters):
         span = middles[min(at + 2, len(places) - 1)] - middles[max(at - 2, 0)]
-        xyz = track.seen[place].xyz_m
-        heading = np.arctan2(span[1], span[0]) if moves else _rectangle(xyz[:, :2])
+        heading = np.arctan2(span[1], span[0]) if travel.moves else _rectangle(one.xyz_m[:, :2])
         headings.append(heading)
-        seen.append(_extent(xyz, heading))
+        seen.append(_extent(one.xyz_m, heading))
     low, high = (np.array([box[side] for box in seen]) for side in (0, 1))
     size = np.percentile(high - low, SIZE_PERCENTILE, axis=0)
-    feet = np.array([track.seen[place].ground_m for place in places])
-    height = max(float(np.percentile(high[:, 2] - feet, SIZE_PERCENTILE)), 0.3)
-    score = _score(track, size, moves)
+    moves = travel.moves and size[1] < WIDEST_M
+    if moves and size[1] < CAR_M[1]:  # of walkers and riders single points make too much
+        size[1] = np.median((high - low)[:, 1])
+    if moves and size[1] > 1.1 and travel.speed_mps > 2.5:
+        size[:2] = np.maximum(size[:2], CAR_M)
+    score = _score(track, size, moves, travel.agreement)
+    floor = np.array([one.ground_m for one in clusters])
+    size[2] = np.percentile(high[:, 2] - floor, SIZE_PERCENTILE)
+    size = np.maximum(size, 0.3)
     rows = []
     for at, place in enumerate(places):
         pose = poses[place]
-        cos, sin = np.cos(headings[at]), np.sin(headings[at])
-        turn = np.array([[cos, -sin], [sin, cos]])
-        sensor = pose[:2, 3] @ turn
-        # The nearest corner stays: what is missing lies behind.
-        whole = np.maximum(size[:2], 0.3)
-        nearer_low = np.abs(low[at, :2] - sensor) < np.abs(high[at, :2] - sensor)
-        centre = np.where(nearer_low, low[at, :2] + whole / 2, high[at, :2] - whole / 2) @ turn.T
-        local = apply(inverse(pose), np.array([[*centre, feet[at] + height / 2]]))[0]
-        velocity = np.zeros(3)
-        if moves:
-            before, after = max(at - 1, 0), min(at + 1, len(places) - 1)
-            velocity = (middles[after] - middles[before]) / max(
-                time_s[places[after]] - time_s[places[before]], 1e-3
-            )
+        before, after = max(at - 1, 0), min(at + 1, len(places) - 1)
+        took_s = max(time_s[places[after]] - time_s[places[before]], 1e-3)
+        velocity = (middles[after] - middles[before]) / took_s if moves else np.zeros(3)
+        centre = _whole(low[at, :2], high[at, :2], size[:2], headings[at], pose[:2, 3])
+        local = apply(inverse(pose), np.array([[*centre, floor[at] + size[2] / 2]]))[0]
         yaw = headings[at] - np.arctan2(pose[1, 0], pose[0, 0])
-        rows.append((place, (local, [*whole, height], yaw, velocity @ pose[:3, :3], score, track.number)))
+        rows.append((place, (local, size, yaw, velocity @ pose[:3, :3], score, track.number)))
     return bool(moves), rows
+
+
+def _whole(
+    low: np.ndarray, high: np.ndarray, size: np.ndarray, heading: float, sensor: np.ndarray
+) -> np.ndarray:
+    """World place of the middle: the corner nearest to the sensor stays, and what is missing lies behind."""
+    cos, sin = np.cos(heading), np.sin(heading)
+    turn = np.array([[cos, -sin], [sin, cos]])
+    here = sensor @ turn
+    nearer_low = np.abs(low - here) < np.abs(high - here)
+    return np.asarray(np.where(nearer_low, low + size / 2, high - size / 2) @ turn.T)
 
 
 def _extent(xyz: np.ndarray, heading: float) -> tuple[np.ndarray, np.ndarray]:
     """Lowest and highest along the heading, across it and upwards."""
     cos, sin = np.cos(heading), np.sin(heading)
     turned = np.column_stack([xyz[:, :2] @ np.array([[cos, -sin], [sin, cos]]), xyz[:, 2]])
-    return np.percentile(turned, 1, axis=0), np.percentile(turned, 99, axis=0)
+    return np.percentile(turned, 2, axis=0), np.percentile(turned, 98, axis=0)
 
 
 def _rectangle(xy: np.ndarray) -> float:
@@ -315,12 +217,12 @@ def _rectangle(xy: np.ndarray) -> float:
     return float(angles[best] + (np.pi / 2 if across[best] > along[best] else 0.0))
 
 
-def _score(track: Track, size: np.ndarray, moves: bool) -> float:
+def _score(track: Track, size: np.ndarray, moves: bool, agreement: float) -> float:
     """Points seen times length of the track, and for what stands times how plausible its size is."""
     points = np.median([len(one.xyz_m) for one in track.seen.values()])
     grown = (1 - np.exp(-points / 60)) * (1 - np.exp(-len(track.seen) / 6))
     if moves:
-        return float(0.5 + 0.5 * grown)
+        return float(0.5 + 0.5 * grown * agreement)
     length, width, height = size
     car = np.exp(-(((length - 4.2) / 1.6) ** 2) - ((width - 1.7) / 0.7) ** 2 - ((height - 1.3) / 0.5) ** 2)
     walker = np.exp(-(((length - 0.7) / 0.5) ** 2) - ((width - 0.5) / 0.4) ** 2 - ((height - 1.4) / 0.4) ** 2)
