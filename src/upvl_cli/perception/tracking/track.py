@@ -176,8 +176,8 @@ def _filled_track(
     next_seen = np.searchsorted(seen, frame)
     gap_s = measured.time_s[seen[next_seen]] - measured.time_s[seen[np.maximum(next_seen - 1, 0)]]
     kept = np.flatnonzero((box != COASTING) | (gap_s <= max_gap_s))
-    whole = Boxes(center_m, size_lwh_m, heading_rad)[kept]
-    return np.full(len(kept), number), frame[kept], box[kept], whole, velocity_mps[kept]
+    all_boxes = Boxes(center_m, size_lwh_m, heading_rad)[kept]
+    return np.full(len(kept), number), frame[kept], box[kept], all_boxes, velocity_mps[kept]
 
 
 def _stack(
