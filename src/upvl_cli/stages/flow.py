@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import accumulate
 from typing import TYPE_CHECKING, Literal
 
 from upvl_cli.config.base import Config, setting, table
@@ -78,6 +77,8 @@ def run(inputs: Inputs, config: FlowConfig) -> Iterator[FlowRow]:
 
 def _triples(inputs: Inputs, min_interval_s: float, confirm_interval_s: float) -> Iterator[SweepTriple]:
     """Yield each sweep with those that it is compared with; at the end of the drive they come before it."""
+    from itertools import accumulate
+
     from upvl_cli.geometry.se3 import apply, compose, inverse
     from upvl_cli.perception.flow.sweeps import OtherSweep, other_steps
     from upvl_cli.perception.odometry.compensation import compensated_points
