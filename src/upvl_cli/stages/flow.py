@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+<<<<<<< HEAD
 from itertools import accumulate
 from typing import TYPE_CHECKING, Any, Literal
+=======
+from typing import TYPE_CHECKING, Literal
+>>>>>>> s-flow
 
 from upvl_cli.config.base import Config, setting, table
 from upvl_cli.errors import BadSetting
@@ -168,6 +172,8 @@ def _stored_flow(inputs: Inputs, config: StoredFlowConfig) -> Iterator[FlowRow]:
 
 def _triples(inputs: Inputs, min_interval_s: float, confirm_interval_s: float) -> Iterator[SweepTriple]:
     """Yield each sweep with those that it is compared with; at the end of the drive they come before it."""
+    from itertools import accumulate
+
     from upvl_cli.geometry.se3 import apply, compose, inverse
     from upvl_cli.perception.flow.sweeps import OtherSweep, other_steps
     from upvl_cli.perception.odometry.compensation import compensated_points

@@ -59,9 +59,9 @@ def _extents(
     prior = prior / prior.sum()
     error_m = config.extent_error_m + config.extent_error_share * size_m
     off = (seen_m - (1 - config.shortfall_share * _FLAT) * size_m) / error_m
-    whole = np.exp(-0.5 * off**2) / (np.sqrt(2 * np.pi) * error_m)
+    complete = np.exp(-0.5 * off**2) / (np.sqrt(2 * np.pi) * error_m)
     # Of a part all extents up to the size are equally likely; its end is as blurred as a whole extent.
     part = 1 / (size_m * (1 + np.exp(np.minimum((seen_m - size_m) / (error_m / 2), 50))))
-    density = prior * (whole_share * whole + (1 - whole_share) * part)
+    density = prior * (whole_share * complete + (1 - whole_share) * part)
     likelihood = density.sum(axis=0)
     return likelihood, (density * size_m).sum(axis=0) / np.maximum(likelihood, np.finfo(float).tiny)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from functools import cache
-from importlib.resources import files
 
 from upvl_cli.perception.objectness.trees import Forest
+from upvl_cli.runtime.package_files import package_bytes
 
 FILE = "prior.safetensors"
 
@@ -13,4 +13,4 @@ FILE = "prior.safetensors"
 @cache
 def shipped_prior() -> Forest:
     """Return the prior: `training/objectness.py` fits it anew."""
-    return Forest.from_bytes((files(__package__) / FILE).read_bytes())
+    return Forest.from_bytes(package_bytes(__package__, FILE))
