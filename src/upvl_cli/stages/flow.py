@@ -4,12 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-<<<<<<< HEAD
-from itertools import accumulate
 from typing import TYPE_CHECKING, Any, Literal
-=======
-from typing import TYPE_CHECKING, Literal
->>>>>>> s-flow
 
 from upvl_cli.config.base import Config, setting, table
 from upvl_cli.errors import BadSetting
