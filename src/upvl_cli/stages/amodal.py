@@ -73,7 +73,7 @@ class FittedPart:
         rows: (T, 7) boxes in world axes.
         features: (f,) what its likeness to road users is measured on, `objectness.track_features.FEATURES`.
         sides_seen: How many of its four sides faced the sensor.
-        residual_m: By how much its registered clouds differ; NaN where none is registered.
+        residual_m: By how much its registered clouds differ; -1 where fewer than two are.
     """
 
     part: TrackPart

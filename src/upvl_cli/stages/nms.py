@@ -13,6 +13,7 @@ from upvl_cli.stages.rows import AmodalRow
 
 if TYPE_CHECKING:
     from upvl_cli.pipeline.stage import Inputs
+    from upvl_cli.types import Floats
 
 
 @dataclass(frozen=True)
@@ -38,11 +39,21 @@ def run(inputs: Inputs, config: NmsConfig) -> Iterator[AmodalRow]:
         for reason, is_faulty in faults.items():
             inputs.count(f"boxes dropped: {reason}", is_faulty.sum())
         sound = np.flatnonzero(~np.logical_or.reduce([*faults.values()]))
-        best = nms_bev(row.boxes[sound], row.score[sound], max_iou=config.max_iou)
+        best = nms_bev(row.boxes[sound], _preference(row)[sound], max_iou=config.max_iou)
         kept = sound[np.sort(best)]
         inputs.count("boxes dropped: overlap a better one", len(sound) - len(kept))
         inputs.count("boxes kept", len(kept))
         yield select(row, kept)
 
 
-STAGE = Stage(name="nms", run=run, config=NmsConfig, row=AmodalRow, reads=("amodal",))
+def _preference(row: AmodalRow) -> Floats:
+    """Return (n,) an order of the boxes that is the same in all frames: of two tracks of one object one stays."""
+    import numpy as np
+
+    order = np.lexsort((-row.track_id, row.num_frames_seen, row.objectness * (1 - row.background_share)))
+    rank = np.empty(len(order))
+    rank[order] = np.arange(len(order))
+    return rank
+
+
+STAGE = Stage(name="nms", run=run, config=NmsConfig, row=AmodalRow, reads=("amodal",), version=2)

@@ -43,7 +43,7 @@ class AmodalFit:
     Attributes:
         boxes: T boxes, all of one size.
         sides_seen: How many of the four sides faced the sensor.
-        residual_m: By how much the registered clouds differ; NaN where fewer than two are registered.
+        residual_m: By how much the registered clouds differ; -1 where fewer than two are registered.
     """
 
     boxes: Boxes

@@ -12,11 +12,12 @@ from upvl_cli.perception.amodal.track_parts import spread
 from upvl_cli.types import Array, Floats
 
 _MOST_CLOUDS, _MOST_POINTS = 10, 200  # a cost limit: more no longer change the median
+NONE = -1.0  # tables hold no NaN
 _CUT_M = 0.5  # what one sweep shows and another does not is no disagreement
 
 
 def cloud_residual_m(clouds_m: Sequence[Floats], motions: Mapping[int, Array]) -> float:
-    """Return the median over clouds of the mean distance to the densest cloud; NaN for fewer than two clouds.
+    """Return the median over clouds of the mean distance to the densest cloud; -1 for fewer than two clouds.
 
     Args:
         clouds_m: T clouds (n, 3).
@@ -24,7 +25,7 @@ def cloud_residual_m(clouds_m: Sequence[Floats], motions: Mapping[int, Array]) -
     """
     numbers = sorted(number for number in motions if len(clouds_m[number]))
     if len(numbers) < 2:
-        return float("nan")
+        return NONE
     densest = max(numbers, key=lambda number: len(clouds_m[number]))
     tree = cKDTree(apply(motions[densest], clouds_m[densest]))
     others = [number for number in numbers if number != densest]
