@@ -76,6 +76,12 @@ def test_what_the_third_sweep_has_at_the_same_place_does_not_move() -> None:
     assert np.abs(flow(now, copy, None)[:, 0].mean() - 10) < 1
 
 
+def test_a_motion_that_the_third_sweep_fits_worse_than_rest_is_not_taken() -> None:
+    """Before it was 0.3 m ahead, not 2 m behind: it rolls back, and what appears 1 m on is another thing."""
+    now, copy, before = corner(12, 4, 0), corner(13, 4, 1), corner(12.3, 4, 2)
+    assert flow(now, copy, before)[:, 0].max() < 1.0
+
+
 def test_what_is_hidden_in_the_second_sweep_moves_by_the_third() -> None:
     post = walker(30, 5)
     now, before = (np.concatenate([corner(x_m, 4, n), post]) for n, x_m in ((0, 12), (1, 10.4)))
