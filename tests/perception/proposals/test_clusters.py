@@ -45,3 +45,11 @@ def test_the_velocity_of_a_cluster_is_the_median_of_its_points() -> None:
     velocity = np.array([[1.0, 0, 0], [2, 0, 0], [90, 5, 0], [7, 7, 7]])
     np.testing.assert_allclose(median_velocities(np.array([0, 0, 0, -1]), velocity), [[2, 0, 0]])
     assert median_velocities(NONE, np.zeros((0, 3))).shape == (0, 3)
+
+
+def test_median_velocities_are_those_of_numpy() -> None:
+    rng = np.random.default_rng(0)
+    label, velocity = rng.permutation(np.repeat([-1, 0, 1, 2], [5, 1, 4, 7])), rng.normal(size=(17, 3))
+    expected = [np.median(velocity[label == number], axis=0) for number in range(3)]
+    np.testing.assert_array_equal(median_velocities(label, velocity), expected)
+    assert median_velocities(np.array([-1]), np.zeros((1, 3))).shape == (0, 3)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from proposal_scene import NO_HISTORY, all_candidates, block, changed, spot, sweep
 
+from upvl_cli.perception.proposals.cluster_fits import ClusterFits
 from upvl_cli.perception.proposals.hypotheses import join_hypotheses
 from upvl_cli.perception.proposals.propose import Proposals, propose
 from upvl_cli.types import Boxes
@@ -63,3 +64,10 @@ def test_a_point_may_be_in_a_box_of_each_hypothesis() -> None:
     found = join_hypotheses(both, np.arange(len(seen.xyz_m)), duplicate_iou=0.9)
     assert found.point_index.count.tolist() == [6, 6, 12]
     assert np.bincount(found.point_index.values).tolist() == [2] * 12
+
+
+def test_equal_points_have_the_box_of_their_velocity() -> None:
+    fits = ClusterFits(sweep((block(10, 3, (2, 1, 1)), (5.0, 0.0))), changed())
+    label = np.zeros(len(fits.sweep.xyz_m), np.int64)
+    headings = [fits.boxes(label, np.array([[*way, 0.0]])).heading_rad[0] for way in ((5, 0), (0, 5), (5, 0))]
+    np.testing.assert_allclose(headings, [0, np.pi / 2, 0])

@@ -38,6 +38,7 @@ def test_boxes_without_a_track_do_not_count() -> None:
 
 
 def test_a_duplicate_of_a_duplicate_goes_too() -> None:
-    hypotheses = Hypotheses(NUMBER, np.concatenate([NONE, np.arange(5), np.arange(5, 10)]))
+    # Two boxes of the third are those of the first, three those of the second: all are of the first track.
+    hypotheses = Hypotheses(NUMBER, np.concatenate([NONE, np.arange(5), [0, 1, 7, 8, 9]]))
     found = hypotheses.duplicate_tracks([np.arange(5), np.arange(5, 10), np.arange(10, 15)], 0.8)
     assert found.tolist() == [False, True, True]
