@@ -15,6 +15,7 @@ from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.stages import STAGES
 
 MOVING_ONLY = "moving-only"  # the preset of those labels
+WITHOUT_WORDS = "without-words"  # the preset of labels by LiDAR alone
 
 
 @app.command()
@@ -24,6 +25,13 @@ def autolabel(
         bool | None,
         typer.Option("--moving-only/--all-motion", help="Label what moves, or parked objects as well."),
     ] = None,
+    pictures: Annotated[
+        bool,
+        typer.Option(
+            "--pictures/--no-pictures",
+            help="Tell parked objects from the background by words too, or by LiDAR alone; what moves needs no words.",
+        ),
+    ] = True,
     segment: Segments = None,
     workers: Workers = 1,
     anyway: Anyway = False,
@@ -33,9 +41,8 @@ def autolabel(
         raise BadSetting("say which objects to label: upvl autolabel --moving-only, or --all-motion")
     from upvl_cli.pipeline.presets import with_preset
 
-    context.obj = with_preset(
-        context.obj, MOVING_ONLY if moving_only else "", context.obj.pipeline.labelling_stages
-    )
+    preset = MOVING_ONLY if moving_only else "" if pictures else WITHOUT_WORDS
+    context.obj = with_preset(context.obj, preset, context.obj.pipeline.labelling_stages)
     check_first(context.obj, segment, anyway=anyway)
     run_stages(context.obj, context.obj.pipeline.labelling_stages, segment, workers=workers, overrides={})
     summary(context, segment)

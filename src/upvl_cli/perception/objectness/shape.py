@@ -67,7 +67,7 @@ def frame_shape(
             *_neighborhoods(xyz_m, config),
             np.median(np.maximum(depth_m, 0.0)),
             ring_points / len(xyz_m),
-            np.log(len(xyz_m) * range_m**2 / face_m2),
+            np.log(len(xyz_m) * range_m**2 / face_m2) if face_m2 > 0 else np.nan,
             np.log(len(xyz_m)),
             range_m,
         ]
