@@ -29,8 +29,8 @@ def panels() -> Array:
 
 
 def shape(xyz_m: Array, size_lwh_m: Array = SIZE_LWH_M, ring_points: int = 0) -> dict[str, float]:
-    """The features of one frame by name, seen from 10 m behind."""
-    values = frame_shape(xyz_m, xyz_m[:, 2], size_lwh_m, np.array([-10.0, 0.0]), ring_points, CONFIG)
+    """The features of one frame by name."""
+    values = frame_shape(xyz_m, xyz_m[:, 2], size_lwh_m, ring_points, CONFIG)
     return dict(zip(SHAPE_FEATURES, values.tolist(), strict=True))
 
 
@@ -44,8 +44,6 @@ def test_extents_and_heights_are_those_of_the_points() -> None:
     assert found["lowest_m"] == pytest.approx(0.2)
     assert found["vertical_gap_m"] == pytest.approx(0.1, abs=1e-6)
     assert found["depth_m"] == pytest.approx(0.0, abs=1e-9), "all points lie on its faces"
-    assert found["range_m"] == 10
-    assert found["density"] == pytest.approx(np.log(len(panels()) * 100 / (4.0 * 1.5)))
 
 
 def test_the_top_of_a_tapered_thing_is_narrow_and_a_crown_leaves_a_gap() -> None:
@@ -104,7 +102,7 @@ def test_a_track_is_measured_in_the_denser_half_of_its_frames() -> None:
     seen, boxes = sightings([panels(), leaves, panels(), leaves, panels()], speed_mps=2.0)
     found = dict(zip(FEATURES, track_features(seen, boxes, np.zeros(5, int), CONFIG).tolist(), strict=True))
     centered = panels() - [0, 0, 0.75]
-    alone = frame_shape(centered, panels()[:, 2], SIZE_LWH_M, np.array([-10.0, 0.0]), 0, CONFIG)
+    alone = frame_shape(centered, panels()[:, 2], SIZE_LWH_M, 0, CONFIG)
     np.testing.assert_allclose([found[name] for name in SHAPE_FEATURES], alone)
     assert (found["seconds"], found["seen_share"]) == (2.0, 1.0)
     assert (found["speed_mps"], found["reach_m"]) == (2.0, 4.0)

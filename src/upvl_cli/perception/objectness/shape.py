@@ -1,4 +1,7 @@
-"""Shape of the points of one object in one frame: what tells a car from a bush, a wall or a slope."""
+"""Shape of the points of one object in one frame: what tells a car from a bush, a wall or a slope.
+
+How many points there are, how dense they lie and how far away say more of the sensor than of the object: left out.
+"""
 
 from __future__ import annotations
 
@@ -23,21 +26,13 @@ SHAPE_FEATURES = (
     "alignment",
     "depth_m",
     "ring_ratio",
-    "density",
-    "log_points",
-    "range_m",
 )
 _TRIM = 0.02
 MIN_POINTS = 5  # fewer have no shape
 
 
 def frame_shape(
-    xyz_m: Floats,
-    height_m: Floats,
-    size_lwh_m: Floats,
-    sensor_xy_m: Floats,
-    ring_points: int,
-    config: ObjectnessConfig,
+    xyz_m: Floats, height_m: Floats, size_lwh_m: Floats, ring_points: int, config: ObjectnessConfig
 ) -> Array:
     """Return (f,) `SHAPE_FEATURES` of one frame; NaN where there are too few points for one.
 
@@ -45,17 +40,14 @@ def frame_shape(
         xyz_m: (n, 3) points about the center of the box, x along its heading; n >= `MIN_POINTS`.
         height_m: (n,) their heights over the ground.
         size_lwh_m: (3,) size of the whole box.
-        sensor_xy_m: (2,) the sensor in the same axes.
         ring_points: Other points around the box.
         config: Settings.
     """
     top = xyz_m[height_m >= height_m.max() - config.top_share * np.ptp(height_m)]
     extent_m = trimmed_extent(xyz_m[:, :2], _TRIM)
     top_m = trimmed_extent(top[:, :2], _TRIM)
-    range_m = float(np.linalg.norm(sensor_xy_m))
     half_m = size_lwh_m[:2] / 2
     depth_m = np.minimum(*(half_m - np.abs(xyz_m[:, :2])).T)
-    face_m2 = size_lwh_m[2] * size_lwh_m[:2].max()
     return np.array(
         [
             top_m[1],
@@ -67,9 +59,6 @@ def frame_shape(
             *_neighborhoods(xyz_m, config),
             np.median(np.maximum(depth_m, 0.0)),
             ring_points / len(xyz_m),
-            np.log(len(xyz_m) * range_m**2 / face_m2) if face_m2 > 0 else np.nan,
-            np.log(len(xyz_m)),
-            range_m,
         ]
     )
 

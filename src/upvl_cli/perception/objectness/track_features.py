@@ -50,6 +50,5 @@ def _shape_in(
     center_m, heading_rad = boxes.center_m[number], float(boxes.heading_rad[number])
     xyz_m = seen.xyz_m[number] - center_m
     turned = np.column_stack([to_heading_axes(xyz_m[:, :2], heading_rad), xyz_m[:, 2]])
-    sensor_xy_m = to_heading_axes(seen.sensor_xy_m[number] - center_m[:2], heading_rad)
     size_lwh_m = boxes.size_lwh_m[number]
-    return frame_shape(turned, seen.height_m[number], size_lwh_m, sensor_xy_m, ring_points, config)
+    return frame_shape(turned, seen.height_m[number], size_lwh_m, ring_points, config)
