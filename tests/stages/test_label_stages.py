@@ -103,7 +103,7 @@ def test_nms_keeps_the_better_boxes_in_their_order_and_counts_the_others() -> No
     rows += [[20, 0, 1, 4, 2, 2, 0], [50, 0, 1, 0.2, 0.2, 0.4, 0], [70, 0, 1, 20, 10, 4, 0]]
     boxes = Boxes.from_rows(np.array(rows))
     score = np.array([0.1, 0.3, 0.9, 0.8, 0.2, 0.8, 0.8])
-    config = nms.NmsConfig(max_iou=0.2, size=SizeConfig(0.1, 200.0, 0.3))
+    config = nms.NmsConfig(max_iou=0.2, min_objectness=0.0, size=SizeConfig(0.1, 200.0, 0.3))
     # In one frame the worse of two tracks can have more points: the better track stays in all of them.
     row = amodal_row(0, boxes, [1, 2, 3, 4, 5, 6, 7], score=score[::-1], objectness=score)
     inputs = MemoryInputs({"amodal": [row]})
@@ -115,9 +115,21 @@ def test_nms_keeps_the_better_boxes_in_their_order_and_counts_the_others() -> No
         "boxes dropped: too flat": 1,
         "boxes dropped: too small": 1,
         "boxes dropped: too large": 1,
+        "boxes dropped: unlike a road user": 0,
         "boxes dropped: overlap a better one": 1,
         "boxes kept": 3,
     }
+
+
+def test_what_is_unlike_a_road_user_is_dropped_before_it_suppresses_anything() -> None:
+    rows = np.array([[0.0, 0, 1, 4, 2, 2, 0], [0.5, 0, 1, 4, 2, 2, 0], [9.0, 0, 1, 4, 2, 2, 0]])
+    row = amodal_row(0, Boxes.from_rows(rows), [1, 2, 3], objectness=np.array([0.2, 0.04, 0.05]))
+    inputs = MemoryInputs({"amodal": [row]})
+    (kept,) = nms.run(
+        inputs, nms.NmsConfig(max_iou=0.2, min_objectness=0.05, size=SizeConfig(0.1, 200.0, 0.3))
+    )
+    assert kept.track_id.tolist() == [1, 3]
+    assert inputs.counts["boxes dropped: unlike a road user"] == 1
 
 
 class TwoWords:

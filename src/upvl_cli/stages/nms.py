@@ -23,6 +23,9 @@ class NmsConfig(Config):
     max_iou: float = setting(
         "bird's-eye IoU of two boxes above which the one of the lower score is dropped", ge=0, le=1
     )
+    min_objectness: float = setting(
+        "likeness of a track to road users below which its boxes are dropped", ge=0, le=1
+    )
     size: SizeConfig = table("sizes that an object can have")
 
 
@@ -38,7 +41,10 @@ def run(inputs: Inputs, config: NmsConfig) -> Iterator[AmodalRow]:
         faults = size_faults(row.boxes, config.size)
         for reason, is_faulty in faults.items():
             inputs.count(f"boxes dropped: {reason}", is_faulty.sum())
-        sound = np.flatnonzero(~np.logical_or.reduce([*faults.values()]))
+        is_sound = ~np.logical_or.reduce([*faults.values()])
+        is_alike = row.objectness >= config.min_objectness
+        inputs.count("boxes dropped: unlike a road user", (is_sound & ~is_alike).sum())
+        sound = np.flatnonzero(is_sound & is_alike)
         best = nms_bev(row.boxes[sound], _preference(row)[sound], max_iou=config.max_iou)
         kept = sound[np.sort(best)]
         inputs.count("boxes dropped: overlap a better one", len(sound) - len(kept))
