@@ -1,9 +1,9 @@
 """Fit the objectness prior that ships with the package: python training/objectness.py [--keep FOLDER] [--check].
 
 Labels drives of the made-up city (all motion, no picture used) under several sensor presets, with banks, hedges,
-bushes, fences and car parks, up to the fit of boxes. A track is a road user as far as its boxes overlap a true one (3D
-IoU 0.4, of small ones 0.15): gradient-boosted trees learn that share from the shape, size and motion of the track. Presets in KEPT_OUT
-are never fitted to; they are scored at the end, beside those that were.
+bushes, fences and car parks, up to the fit of boxes. A track is a road user as far as its boxes overlap a true one
+(3D IoU 0.4, of small ones 0.15): gradient-boosted trees learn that share from the shape, size and motion of the
+track. Presets in KEPT_OUT are never fitted to; they are scored at the end, beside those that were.
 
 Writes src/upvl_cli/perception/objectness/prior.safetensors. `--check` fits without writing.
 """
@@ -24,9 +24,6 @@ import numpy as np
 from sklearn.ensemble import HistGradientBoostingClassifier
 from sklearn.metrics import average_precision_score, log_loss
 
-ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "bench"))
-
 from upvl_cli.commands.pipeline import PIPELINE
 from upvl_cli.config.toml import load
 from upvl_cli.datasets.label_registry import label_source
@@ -42,8 +39,8 @@ from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.stages import STAGES, amodal
 from upvl_cli.stages.track_sightings import PendingFrame
 from upvl_cli.types import Boxes
-from workspaces import on_city
 
+ROOT = Path(__file__).parents[1]
 CODE = ROOT / "src" / "upvl_cli" / "perception" / "objectness"
 BOX_STAGES = ("ground", "flow", "mask", "propose", "track", "amodal")
 PRESETS = ("kitti", "twin32", "waymo", "beams40", "lyft_5hz", "hdl32_20hz", "hdl32_2hz")
@@ -179,6 +176,9 @@ def to_forest(trees: HistGradientBoostingClassifier) -> Forest:
 
 def drive_of(folder: Path, sensor: str, seed: int) -> Workspace:
     """Return the workspace of a city drive whose labels are made as far as `track`."""
+    sys.path.insert(0, str(ROOT / "bench"))
+    from workspaces import on_city
+
     on_city(folder, frames=FRAMES, train=1, val=0, seed=seed, sensor=f'"{sensor}"', clutter=1.0)
     base = Workspace(PIPELINE, folder / "stages", folder / "out", "")
     workspace = preset_workspace(base, "without-words")

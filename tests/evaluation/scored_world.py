@@ -100,6 +100,9 @@ def write_auto_labels(
                 track_id=ids.astype(np.int64),
                 background_share=np.zeros(count),
                 num_frames_seen=np.full(count, 4),
+                objectness=np.full(count, 0.9),
+                sides_seen=np.full(count, 2),
+                residual_m=np.full(count, 0.05),
             )
         )
     stamp = workspace.shard_stamp(stage, segment)

@@ -58,7 +58,8 @@ def test_a_label_is_one_row_with_a_column_for_each_value(table: pa.Table) -> Non
         "segment", "frame", "time_ns",
         "center_x_m", "center_y_m", "center_z_m", "length_m", "width_m", "height_m", "heading_rad",
         "velocity_x_mps", "velocity_y_mps", "velocity_z_mps",
-        "num_points", "score", "track_id", "background_share", "num_frames_seen", "objectness", "sides_seen", "residual_m",
+        "num_points", "score", "track_id", "background_share", "num_frames_seen",
+        "objectness", "sides_seen", "residual_m",
         "class", "word", "class_share", "is_moving",
     ]  # fmt: skip
     assert not [

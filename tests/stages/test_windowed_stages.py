@@ -120,7 +120,8 @@ def plain_amodal(inputs: LongInputs) -> dict[tuple[int, int], np.ndarray]:
         frames, xyz, height, boxes, velocity, turns, time_s = zip(*seen, strict=True)
         fitted = fit_amodal_boxes(
             Sightings(
-                np.array(time_s), xyz, height, concat(boxes, Boxes), np.array(velocity), np.array([turn[:2, 3] for turn in turns]),
+                np.array(time_s), xyz, height, concat(boxes, Boxes), np.array(velocity),
+                np.array([turn[:2, 3] for turn in turns]),
                 np.array([yaw_of(turn) for turn in turns]),
             ),
             AMODAL,

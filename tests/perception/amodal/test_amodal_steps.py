@@ -94,7 +94,10 @@ def test_stray_points_are_left_out_of_edges_and_few_points_have_none() -> None:
 
 
 def whole(
-    seen_m: tuple[float, float, float], *, shown: tuple[bool, bool, bool] = (True, True, True), speed_mps: float = 0.0
+    seen_m: tuple[float, float, float],
+    *,
+    shown: tuple[bool, bool, bool] = (True, True, True),
+    speed_mps: float = 0.0,
 ) -> Array:
     """The size of a thing of which that much was seen."""
     return whole_size(np.array(seen_m), np.array(shown), speed_mps, CONFIG.size)
@@ -106,7 +109,9 @@ def test_the_end_of_a_car_is_completed_to_a_car_and_a_whole_car_keeps_its_length
     assert end[1] == pytest.approx(1.85, abs=0.08)
     for length_m in (3.9, 4.4, 4.9):
         found = whole((0.975 * length_m, 1.8, 1.5))
-        assert found[0] == pytest.approx(length_m, abs=0.2), "little but the shortfall of round edges is added"
+        assert found[0] == pytest.approx(length_m, abs=0.2), (
+            "little but the shortfall of round edges is added"
+        )
     assert whole((4.3, 0.4, 1.5), shown=(True, False, True))[1] == pytest.approx(1.85, abs=0.1)
 
 
@@ -196,7 +201,11 @@ def test_faces_turned_to_the_sensor_take_the_drift_out_of_a_registration() -> No
     np.testing.assert_array_equal(found[kept, 1], registered[kept, 1])
     # A plain loop over frames gives the same.
     for number in kept:
-        near = (np.abs(time_s - time_s[number]) <= 0.5 + 1e-9) & np.isfinite(faced[:, 0]) & np.isfinite(registered[:, 0])
+        near = (
+            (np.abs(time_s - time_s[number]) <= 0.5 + 1e-9)
+            & np.isfinite(faced[:, 0])
+            & np.isfinite(registered[:, 0])
+        )
         expected = registered[number, 0] + np.median((faced - registered)[near, 0])
         assert found[number, 0] == pytest.approx(expected, abs=0.1)
 
@@ -282,7 +291,9 @@ def test_a_heading_is_that_of_the_motion_and_is_held_through_stops() -> None:
     velocity[5, :2] = [0.8, -0.6]  # 1 m/s: just fast enough
     velocity[6, :2] = [0.7, 0.7]  # 0.99 m/s
     center_m = np.column_stack([-np.arange(7.0), np.zeros(7), np.ones(7)])
-    found, moves = headings(seen([np.zeros((0, 3))] * 7, velocity_mps=velocity, center_m=center_m), [], CONFIG)
+    found, moves = headings(
+        seen([np.zeros((0, 3))] * 7, velocity_mps=velocity, center_m=center_m), [], CONFIG
+    )
     assert moves
     first, second = np.arctan2(0.1, -3), 2 * np.pi + np.arctan2(-0.1, -3)
     last = 2 * np.pi + np.arctan2(-0.6, 0.8)

@@ -60,7 +60,7 @@ def anchor(registered: Array, faced: Array, time_s: Floats, window_s: float, *, 
         fallback: (T, 2) centers for frames that are not registered.
     """
     off = faced - registered
-    is_registered = np.isfinite(registered).all(axis=1)
+    is_registered = np.isfinite(registered).all(axis=1, keepdims=True)
     shift = np.zeros_like(registered)
     for axis in range(2):
         known = np.flatnonzero(np.isfinite(off[:, axis]))
@@ -69,4 +69,4 @@ def anchor(registered: Array, faced: Array, time_s: Floats, window_s: float, *, 
         windows, row = np.unique(np.stack([first, last]), axis=1, return_inverse=True)
         medians = [np.median(off[known[begin:end], axis]) if end > begin else 0.0 for begin, end in windows.T]
         shift[:, axis] = np.array(medians)[row.reshape(-1)]
-    return np.where(is_registered[:, None], registered + shift, fallback)
+    return np.where(is_registered, registered + shift, fallback)

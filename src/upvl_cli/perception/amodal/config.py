@@ -153,6 +153,7 @@ class SizePriorConfig(Config):
         "volume of length x width x height over which the sizes of such objects are spread evenly",
         "m^3",
         gt=0,
+        le=10**6,
     )
     car: KindSizeConfig = table("cars, wagons and small vans")
     van: KindSizeConfig = table("large vans and pickup trucks")

@@ -8,7 +8,9 @@ from upvl_cli.perception.labels.config import BoxScoreConfig, SizeConfig
 from upvl_cli.types import Array, Bools, Boxes, Floats, Ints
 
 
-def box_score(objectness: Floats, num_points: Ints, background_share: Floats, config: BoxScoreConfig) -> Array:
+def box_score(
+    objectness: Floats, num_points: Ints, background_share: Floats, config: BoxScoreConfig
+) -> Array:
     """Return (n,) confidence from 0 to 1: the likeness of a track to road users, by the points of each of its boxes.
 
     Neither UP-VL nor MI-UP states a score of auto labels. A box with few points may lie beside its object; one with
