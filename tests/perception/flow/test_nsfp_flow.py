@@ -251,6 +251,7 @@ class TestNsfp:
         assert np.abs(estimate_nsfp_flow(car(0), none, DT_S, self.CONFIG)).max() == 0
 
 
+@pytest.mark.slow
 @pytest.mark.real
 def test_nsfp_plus_plus_on_a_real_pair(shared: Path) -> None:
     """Three-way EPE 0.3938 m without motion; NSFP of its authors 0.1594, its best port 0.0462."""
