@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from upvl_cli.config.toml import load
+from upvl_cli.errors import BadSetting
 from upvl_cli.geometry.se3 import apply, from_yaw, yaw_of
 from upvl_cli.perception.amodal.completion import anchor, complete_center, shown_sides
 from upvl_cli.perception.amodal.edges import attained, trimmed_edges, trimmed_extent
@@ -133,6 +134,21 @@ def test_a_size_is_never_below_what_was_seen() -> None:
     rng = np.random.default_rng(0)
     for seen_m in rng.uniform(0.1, 12, (200, 3)):
         assert (whole(tuple(seen_m)) >= seen_m).all()
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("size", {"car": {"mean_lwh_m": [4.5, 1.9]}}, "mean_lwh_m"),
+        ("size", {"child": {"spread_lwh_m": [1.0] * 4}}, "spread_lwh_m"),
+        ("objectness", {"ring_m": [1.5, 0.7]}, "ring_m"),
+        ("objectness", {"ring_height_m": [0.3]}, "ring_height_m"),
+    ],
+)
+def test_a_setting_of_another_length_is_one_line(key: str, value: dict[str, object], message: str) -> None:
+    path = Path(__file__).parents[3] / "stages" / "amodal.toml"
+    with pytest.raises(BadSetting, match=message):
+        load(AmodalConfig, path, {key: value})
 
 
 def test_a_side_shows_from_an_angle_on_and_in_frames_with_points() -> None:

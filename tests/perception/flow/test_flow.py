@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from flow_pair import errors_on_pair
 
 from upvl_cli.config.toml import load
 from upvl_cli.geometry.se3 import apply, from_yaw
-from upvl_cli.metrics.flow import flow_errors
 from upvl_cli.perception.flow.rigid import estimate_rigid_flow
 from upvl_cli.perception.flow.sweeps import OtherSweep
 from upvl_cli.perception.registration.config import YawIcpConfig
@@ -166,16 +166,7 @@ def test_the_same_bytes_every_time() -> None:
 @pytest.mark.real
 def test_a_real_pair(shared: Path) -> None:
     """Three-way EPE 0.3938 m without motion, 0.0181 for global DBSCAN and ICP, 0.0167 here (2026-11-26)."""
-    pair = np.load(shared / "data" / "flow_pair_a" / "pair.npz")
-    found = flow_mps(pair["pc0"].astype(np.float64), pair["pc1"].astype(np.float64), float(pair["dt"]))
-    errors = flow_errors(
-        found * float(pair["dt"]),
-        pair["gt_flow"],
-        true_total_m=pair["gt_flow_total"],
-        foreground=pair["classes"] > 0,
-        dynamic=pair["is_dynamic"],
-        evaluated=pair["is_valid"] & ~pair["is_ground"] & pair["is_close"],
-    )
+    errors = errors_on_pair(shared / "data" / "flow_pair_a" / "pair.npz", flow_mps)
     assert errors.three_way_epe_m < 0.0175
     assert errors.dynamic_epe_m < 0.037
     assert errors.dynamic_iou > 0.96

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from flow_pair import errors_on_pair
 
 from upvl_cli.config.toml import load
 from upvl_cli.errors import BadSetting
-from upvl_cli.metrics.flow import flow_errors
 from upvl_cli.perception.flow.nsfp.components import connected_components, static_points
 from upvl_cli.perception.flow.nsfp.config import NsfpPlusPlusConfig
 from upvl_cli.perception.flow.nsfp.nsfp import estimate_nsfp_flow
@@ -255,15 +255,8 @@ class TestNsfp:
 @pytest.mark.real
 def test_nsfp_plus_plus_on_a_real_pair(shared: Path) -> None:
     """Three-way EPE 0.3938 m without motion; NSFP of its authors 0.1594, its best port 0.0462."""
-    pair = np.load(shared / "data" / "flow_pair_a" / "pair.npz")
-    found = flow_mps(pair["pc0"].astype(np.float64), pair["pc1"].astype(np.float64), dt_s=float(pair["dt"]))
-    errors = flow_errors(
-        found * float(pair["dt"]),
-        pair["gt_flow"],
-        true_total_m=pair["gt_flow_total"],
-        foreground=pair["classes"] > 0,
-        dynamic=pair["is_dynamic"],
-        evaluated=pair["is_valid"] & ~pair["is_ground"] & pair["is_close"],
+    errors = errors_on_pair(
+        shared / "data" / "flow_pair_a" / "pair.npz", lambda *sweeps: flow_mps(*sweeps[:2], dt_s=sweeps[2])
     )
     assert errors.three_way_epe_m < 0.03
     assert errors.dynamic_epe_m < 0.07

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from upvl_cli.config.base import Config, setting, table
+from upvl_cli.errors import BadSetting
 from upvl_cli.perception.registration.config import RegistrationConfig
 
 
@@ -119,6 +120,14 @@ class KindSizeConfig(Config):
     max_speed_mps: float = setting(
         "speed above which an object is not of this kind; 0 for no limit", "m/s", ge=0, le=200
     )
+
+    def __post_init__(self) -> None:
+        for name in ("mean_lwh_m", "spread_lwh_m"):
+            values = getattr(self, name)
+            if len(values) != 3:
+                raise BadSetting(
+                    f"amodal: {name} = {list(values)} must be three numbers: length, width, height"
+                )
 
 
 @dataclass(frozen=True)

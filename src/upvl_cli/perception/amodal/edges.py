@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from upvl_cli.perception.box_fit import trimmed_range
 from upvl_cli.types import Array
 
 MIN_EXTENT_POINTS = 3  # fewer points have no extent
@@ -21,23 +22,8 @@ def trimmed_edges(clouds_m: Sequence[Array], trim_share: float) -> tuple[Array, 
     low, high = np.full((len(clouds_m), 2), np.nan), np.full((len(clouds_m), 2), np.nan)
     for number, cloud in enumerate(clouds_m):
         if len(cloud) >= MIN_EXTENT_POINTS:
-            low[number], high[number] = trimmed_ends(cloud[:, :2], trim_share)
-    return low, high
-
-
-def trimmed_ends(values: Array, trim_share: float) -> tuple[Array, Array]:
-    """Return the (d,) quantiles of (n, d) values at a share from either end: those of `np.quantile`, far sooner.
-
-    Args:
-        values: (n, d) values, n > 0.
-        trim_share: Share of the values left out at each end.
-    """
-    ordered = np.sort(values, axis=0)
-    place = trim_share * (len(values) - 1)
-    below = int(place)
-    above, rest = min(below + 1, len(values) - 1), place - below
-    low = ordered[below] + rest * (ordered[above] - ordered[below])
-    high = ordered[-1 - below] + rest * (ordered[-1 - above] - ordered[-1 - below])
+            ends = [trimmed_range(cloud[:, axis], trim_share) for axis in range(2)]
+            low[number], high[number] = zip(*ends, strict=True)
     return low, high
 
 
@@ -48,8 +34,8 @@ def trimmed_extent(xy_m: Array, trim_share: float) -> Array:
         xy_m: (n, 2) points, n > 0.
         trim_share: Share of the points left out at each end.
     """
-    low, high = trimmed_ends(xy_m, trim_share)
-    return np.asarray(high - low)
+    (back, front), (right, left) = (trimmed_range(xy_m[:, axis], trim_share) for axis in range(2))
+    return np.array([front - back, left - right])
 
 
 def attained(values: Array, min_share: float) -> Array:

@@ -9,9 +9,9 @@ import numpy as np
 
 from upvl_cli.geometry.se3 import apply, inverse, wrap_angle
 from upvl_cli.perception.amodal.completion import anchor, complete_center, shown_sides
-from upvl_cli.perception.amodal.config import AmodalFitConfig, EdgeConfig
+from upvl_cli.perception.amodal.config import AmodalFitConfig, EdgeConfig, SizePriorConfig
 from upvl_cli.perception.amodal.edges import MIN_EXTENT_POINTS, attained, trimmed_edges
-from upvl_cli.perception.amodal.heading import headings, moving_headings
+from upvl_cli.perception.amodal.heading import headings
 from upvl_cli.perception.amodal.residual import cloud_residual_m
 from upvl_cli.perception.amodal.sightings import Sightings
 from upvl_cli.perception.amodal.size_prior import whole_size
@@ -80,8 +80,9 @@ def fit_amodal_boxes(seen: Sightings, config: AmodalFitConfig, known: KnownShape
         first, last, sensors_m = -extent_m / 2, extent_m / 2, sensor_xy_m
     num_points = np.array([len(clouds[number]) for number in (motions or range(len(clouds)))])
     shown = shown_sides(last - first, sensors_m - (first + last) / 2, num_points, config.size)
+    speed_mps = float(np.hypot(*seen.velocity_mps[:, :2].T).max()) if moves else 0.0
     size_lwh_m = (
-        _whole_size(np.append(last - first, height_m), shown, num_points, seen, config)
+        _whole_size(np.append(last - first, height_m), shown, num_points, speed_mps, config.size)
         if known is None
         else known.size_lwh_m
     )
@@ -109,7 +110,7 @@ def fit_amodal_boxes(seen: Sightings, config: AmodalFitConfig, known: KnownShape
 
 
 def _whole_size(
-    seen_m: Floats, shown: Bools, num_points: Ints, seen: Sightings, config: AmodalFitConfig
+    seen_m: Floats, shown: Bools, num_points: Ints, speed_mps: float, config: SizePriorConfig
 ) -> Array:
     """Return (3,) length, width and height of the whole object.
 
@@ -117,14 +118,12 @@ def _whole_size(
         seen_m: (3,) length, width and height that were seen.
         shown: (4,) whether front, rear, left and right were turned to the sensor.
         num_points: (T,) points of each frame.
-        seen: The track.
-        config: Settings.
+        speed_mps: The highest speed of the object; 0 for what stands.
+        config: What is known of sizes.
     """
-    is_tall = num_points.max(initial=0) >= config.size.min_height_points
+    is_tall = num_points.max(initial=0) >= config.min_height_points
     is_shown = np.array([shown[2:].any(), shown[:2].any(), is_tall])
-    moves = moving_headings(seen.boxes, seen.velocity_mps, config.heading) is not None
-    speed_mps = float(np.hypot(*seen.velocity_mps[:, :2].T).max()) if moves else 0.0
-    return whole_size(seen_m, is_shown, speed_mps, config.size)
+    return whole_size(seen_m, is_shown, speed_mps, config)
 
 
 def _above_clearance(xyz_m: Floats, height_m: Floats, ground_clearance_m: float) -> Floats:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from upvl_cli.config.base import Config, setting
+from upvl_cli.errors import BadSetting
 
 
 @dataclass(frozen=True)
@@ -25,3 +26,9 @@ class ObjectnessConfig(Config):
     ring_height_m: tuple[float, ...] = setting(
         "lowest and highest height over the ground of these other points", "m", ge=0, le=20
     )
+
+    def __post_init__(self) -> None:
+        for name in ("ring_m", "ring_height_m"):
+            values = getattr(self, name)
+            if len(values) != 2 or not values[0] < values[1]:
+                raise BadSetting(f"amodal: objectness.{name} = {list(values)} must be two ascending numbers")
