@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from upvl_cli.geometry.boxes import transform
 from upvl_cli.geometry.se3 import apply, inverse, rotate, yaw_of
 from upvl_cli.perception.amodal.fit import fit_amodal_boxes
 from upvl_cli.perception.amodal.sightings import Sightings
+from upvl_cli.perception.objectness.prior import shipped_prior
 from upvl_cli.stages import amodal, propose, track
 from upvl_cli.stages.rows import AmodalRow, GroundRow, MaskRow, OdometryRow, ProposalRow, TrackRow
 from upvl_cli.types import Boxes, Ragged, concat
@@ -228,3 +230,19 @@ def test_a_drive_without_a_box() -> None:
     rows: list[TrackRow] = tracked(empty).tables["track"]
     assert [len(row.track_id) for row in rows] == [0, 0, 0]
     assert [len(row.track_id) for row in amodal.run(empty, AMODAL)] == [0, 0, 0]
+
+
+def test_each_box_is_scored_by_the_prior_on_its_own_track() -> None:
+    inputs, totals = tracked(scene(20, points=300)), amodal.track_totals(tracked(scene(20, points=300)))
+    rows = list(amodal.run(inputs, AMODAL))
+    expected = {}
+    for fitted in amodal.fitted_parts(inputs, totals, AMODAL, deque()):
+        if fitted is not None:
+            first = fitted.part.sightings[0]
+            track_id = int(first.frame.tracks.track_id[first.row])
+            expected[track_id] = shipped_prior().probability(fitted.features[None])[0]
+    assert len(set(expected.values())) > 1, "tracks differ"
+    for row in rows:
+        np.testing.assert_allclose(row.objectness, [expected[track_id] for track_id in row.track_id.tolist()])
+        support = row.num_points / (row.num_points + AMODAL.score.half_points)
+        np.testing.assert_allclose(row.score, row.objectness * support * (1 - row.background_share))
