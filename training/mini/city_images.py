@@ -34,7 +34,13 @@ def render(folder: Path, number: int, every: int) -> int:
     rng = np.random.default_rng([SEED, number])
     rare = number % 2 == 1
     settings = replace(
-        usual, frames=FRAMES, density=float(rng.uniform(0.8, 2.0)), rolling_s=0.0, light=1.2, haze=1.0
+        usual,
+        frames=FRAMES,
+        density=float(rng.uniform(0.8, 2.0)),
+        clutter=float(rng.choice([0.0, rng.uniform(0.3, 1.5)])),
+        rolling_s=0.0,
+        light=1.2,
+        haze=1.0,
     )
     without = (*usual.held_out, *(COMMON if rare else ()))
     drive = CityDrive(name=f"mini-{number}", seed=(SEED, number), without=without, settings=settings)

@@ -1,182 +1,191 @@
-"""The training pictures in memory, and batches of random crops of them, with things pasted from one into another."""
+"""The training pictures in memory: what each pixel shows, and the objects among them with colours and kinds."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import json
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
-import torch
-from PIL import Image, ImageEnhance, ImageFilter
-from torch.utils.data import IterableDataset
+from concepts import NOUN_OF, NOUNS, Labels
+from phrases import COLOURS
+from PIL import Image
+from pseudo_labels import CLASSES
+from scipy import ndimage
 
-from upvl_cli.types import Array
+from upvl_cli.types import Array, Bools, Floats, Ints
 
-VOID = 255
-MADE = 16  # labels of the city begin here, those of CamVid at 0
-THINGS = ("pole", "traffic sign", "fence", "car", "pedestrian", "bicyclist")  # of CamVid: what can be cut out
-PASTED = 0.5  # of the crops get things from another one
-LEAST = 12  # of each sixteenth pixel: what is smaller is not sought
+NONE = -1
+LEAST_PX = 60  # of an object whose colour is told
+PLACES = 40  # remembered of each label of a picture, to crop around
+# Hues of HSV, 0 to 255, up to which a saturated pixel has a colour.
+HUES = ((10, "red"), (26, "orange"), (46, "yellow"), (118, "green"), (185, "blue"), (236, None), (256, "red"))
 
 
-@dataclass(frozen=True)
+class Object(NamedTuple):
+    """What is known of an object beside its label.
+
+    Attributes:
+        coloured: Place of "COLOUR NOUN" in `Concepts.coloured`, `NONE` where it is not known.
+        share: (1000,) shares of ImageNet's kinds, as a classifier sees it.
+        class_: Class of real pictures that a detector gave it.
+    """
+
+    coloured: int
+    share: Floats | None
+    class_: str
+
+
+@dataclass
 class Picture:
-    """(h, w, 3) uint8 and (h, w) uint8 labels: a class of CamVid, `MADE` + a name of the city, or `VOID`."""
+    """One picture.
 
-    rgb: Image.Image
-    label: Image.Image
+    Attributes:
+        rgb: (h, w, 3) uint8.
+        label: (h, w) uint8, 0 for void.
+        number: (h, w) int32, number of an object, 0 for none; of `objects` from 1, later on of all pictures.
+        objects: Those of this picture.
+        places: For each label that it shows, (n, 2) rows and columns of pixels of it.
+        source: "camvid", "idd", "other" or "city".
+    """
 
-    def counts(self) -> Array:
-        """(256,) how many of each sixteenth pixel have each label."""
-        return np.bincount(np.asarray(self.label)[::4, ::4].ravel(), minlength=VOID + 1)
+    rgb: Array
+    label: Array
+    number: Ints
+    objects: list[Object]
+    places: dict[int, Ints]
+    source: str
 
 
-def camvid(root: Path, splits: tuple[str, ...]) -> list[Picture]:
-    """Pictures of CamVid with the numbers of its classes; the twelfth is void."""
-    found = []
-    for split in splits:
-        for path in sorted((root / split).glob("*.jpg")):
-            label = np.asarray(Image.open(root / f"{split}annot" / f"{path.stem}.png"))
-            found.append(
-                Picture(_rgb(path), Image.fromarray(np.where(label < 11, label, VOID).astype(np.uint8)))
-            )
+def colour_of(rgb: Array) -> str | None:
+    """Return the colour of an object from its (n, 3) pixels; None where it has none that stands out."""
+    hsv = np.asarray(Image.fromarray(rgb[None]).convert("HSV"))[0].astype(int)
+    bright = hsv[hsv[:, 2] > np.percentile(hsv[:, 2], 30)]  # tyres, windows and shadows have no colour
+    vivid = (bright[:, 1] > 105) & (bright[:, 2] > 60)
+    if vivid.mean() > 0.4:
+        hue = np.digitize(bright[vivid, 0], [limit for limit, _ in HUES])
+        count = np.bincount(hue, minlength=len(HUES))
+        count[0] += count[-1]
+        most = int(count[:-1].argmax())
+        return HUES[most][1] if count[most] > 0.6 * vivid.sum() else None
+    if vivid.mean() > 0.2:
+        return None
+    value = np.median(bright[:, 2])
+    return "white" if value > 185 else "black" if value < 60 else "grey" if 80 < value < 160 else None
+
+
+def places_of(label: Array, rng: np.random.Generator) -> dict[int, Ints]:
+    """Return pixels of each label, some of every sixteenth pixel."""
+    small = label[::4, ::4]
+    found = {}
+    for number in np.unique(small):
+        at = np.argwhere(small == number)
+        if number and len(at) >= 6:
+            found[int(number)] = at[rng.permutation(len(at))[:PLACES]] * 4
     return found
 
 
-def city(folder: Path) -> tuple[list[Picture], list[str]]:
-    """Pictures of the city, and the names that their labels are places of."""
-    names = (folder / "names.txt").read_text(encoding="utf-8").split("\n")[:-1]
-    found = []
-    for path in sorted(folder.glob("*.jpg")):
-        if path.with_suffix(".png").exists():
-            with Image.open(path.with_suffix(".png")) as label:
-                found.append(Picture(_rgb(path), Image.fromarray(np.asarray(label) + np.uint8(MADE))))
-    return found, names
+def coloured_number(noun: str | None, rgb: Array) -> int:
+    """Return the place of an object's colour and noun, `NONE` where either is not known."""
+    colour = colour_of(rgb) if noun and len(rgb) >= LEAST_PX else None
+    return NONE if colour is None or noun is None else NOUNS.index(noun) * len(COLOURS) + COLOURS.index(colour)
 
 
-def _rgb(path: Path) -> Image.Image:
-    with Image.open(path) as image:
-        return image.convert("RGB")
+class Boxes(NamedTuple):
+    """(n, 4) corners x0, y0, x1, y1 in pixels, (n, 1000) shares of ImageNet's kinds, (n,) places in `CLASSES`."""
+
+    xyxy_px: Floats
+    share: Floats
+    kind: Ints
 
 
-@dataclass(frozen=True)
-class Source:
-    """Pictures to crop.
-
-    Attributes:
-        pictures: Them.
-        scales: How much smaller and larger they may get.
-        crops: How many of them a batch has.
-        sought: Share of the crops that have a thing in them, of a label drawn evenly (as rare classes are
-            sampled by Hoyer et al., "DAFormer", CVPR 2022): most of a street is road and walls.
-    """
-
-    pictures: list[Picture]
-    scales: tuple[float, float]
-    crops: int
-    sought: float
-
-    def showing(self, labels: Array) -> list[tuple[int, list[Picture]]]:
-        """Each label that there is, and the pictures that show it."""
-        counted = [(picture, picture.counts()) for picture in self.pictures]
-        shown = [(label, [picture for picture, of in counted if of[label] >= LEAST]) for label in labels]
-        return [(label, pictures) for label, pictures in shown if pictures]
+def street(folder: Path, nouns: dict[int, str], seed: int) -> Iterator[Picture]:
+    """Yield the pictures of pseudo_labels.py; `nouns` of labels whose things have a colour."""
+    with np.load(folder / "objects.npz") as file:
+        every = {name: file[name] for name in ("name", "xyxy", "share", "kind")}
+    paths = sorted(folder.glob("*.jpg"))
+    of = [every["name"] == path.stem for path in paths]
+    boxes = [Boxes(every["xyxy"][here], every["share"][here], every["kind"][here]) for here in of]
+    with ProcessPoolExecutor() as pool:
+        yield from pool.map(partial(_street_picture, nouns, seed), paths, boxes, chunksize=20)
 
 
-class Batches(IterableDataset[tuple[Array, Array]]):
-    """Endless batches of crops: scale, place, mirror, light, colour, blur and pasted things by chance.
-
-    Things go from any source to any other: lorries of the city into real streets, real people into the city
-    (after ClassMix, Olsson et al., WACV 2021; with true labels on both sides).
-    """
-
-    def __init__(self, sources: list[Source], things: Array, size: tuple[int, int], seed: int):
-        self.sources, self.things, self.size, self.seed = sources, things, size, seed
-
-    def __iter__(self) -> Iterator[tuple[Array, Array]]:
-        worker = torch.utils.data.get_worker_info()
-        rng = np.random.default_rng([self.seed, worker.id if worker else 0])
-        endless = [self._endless(source, rng) for source in self.sources]
-        while True:
-            crops = [
-                next(of)
-                for of, source in zip(endless, self.sources, strict=True)
-                for _ in range(source.crops)
-            ]
-            both = [self._pasted(crop, crops[rng.integers(len(crops))], rng) for crop in crops]
-            yield np.stack([rgb for rgb, _ in both]), np.stack([label for _, label in both])
-
-    def _endless(self, source: Source, rng: np.random.Generator) -> Iterator[tuple[Array, Array]]:
-        showing = source.showing(self.things)
-        while True:
-            for index in rng.permutation(len(source.pictures)):
-                if rng.random() < source.sought:
-                    label, pictures = showing[rng.integers(len(showing))]
-                    picture = pictures[rng.integers(len(pictures))]
-                    there = np.argwhere(np.asarray(picture.label) == label)
-                    yield self.crop(picture, source.scales, rng, there[rng.integers(len(there))])
-                else:
-                    yield self.crop(source.pictures[index], source.scales, rng)
-
-    def _pasted(
-        self, crop: tuple[Array, Array], other: tuple[Array, Array], rng: np.random.Generator
-    ) -> tuple[Array, Array]:
-        """Return the crop with some objects of another one, each at its own place."""
-        there = np.intersect1d(other[1], self.things)
-        if not len(there) or rng.random() > PASTED:
-            return crop
-        taken = np.isin(other[1], rng.permutation(there)[: (len(there) + 1) // 2])
-        return np.where(taken[..., None], other[0], crop[0]), np.where(taken, other[1], crop[1])
-
-    def crop(
-        self,
-        picture: Picture,
-        scales: tuple[float, float],
-        rng: np.random.Generator,
-        around: Array | None = None,
-    ) -> tuple[Array, Array]:
-        """(h, w, 3) float32 pixels, 0 to 255, and (h, w) labels of one crop, which has the pixel `around`."""
-        height, width = self.size
-        scale = np.exp(rng.uniform(*np.log(scales)))
-        stretch = np.exp(rng.uniform(-0.1, 0.1))
-        # The part of the picture that becomes the crop; it may reach beyond the edges.
-        part_w, part_h = width / (scale * stretch), height / scale
-        left, top = (
-            _start(whole, part, None if around is None else around[axis], rng)
-            for whole, part, axis in ((picture.rgb.width, part_w, 1), (picture.rgb.height, part_h, 0))
-        )
-        placed = (part_w / width, 0, left, 0, part_h / height, top)
-        inside = Image.new("L", picture.label.size, 1).transform(
-            (width, height), Image.Transform.AFFINE, placed
-        )
-        rgb = picture.rgb.transform((width, height), Image.Transform.AFFINE, placed, Image.Resampling.BICUBIC)
-        label = picture.label.transform(
-            (width, height), Image.Transform.AFFINE, placed, Image.Resampling.NEAREST
-        )
-        pixels = np.asarray(self.lit(rgb, rng)).astype(np.float32)
-        classes = np.where(np.asarray(inside) > 0, np.asarray(label), VOID)
-        if rng.random() < 0.5:
-            pixels, classes = pixels[:, ::-1], classes[:, ::-1]
-        if rng.random() < 0.3:
-            pixels = pixels + rng.normal(0, rng.uniform(2, 10), pixels.shape).astype(np.float32)
-        gains = rng.uniform(0.85, 1.15, 3).astype(np.float32)
-        return np.ascontiguousarray(np.clip(pixels * gains, 0, 255)), np.ascontiguousarray(classes)
-
-    @staticmethod
-    def lit(image: Image.Image, rng: np.random.Generator) -> Image.Image:
-        """Return the picture in another light."""
-        image = ImageEnhance.Brightness(image).enhance(rng.uniform(0.5, 1.5))
-        image = ImageEnhance.Contrast(image).enhance(rng.uniform(0.6, 1.4))
-        image = ImageEnhance.Color(image).enhance(rng.uniform(0.2, 1.6))
-        if rng.random() < 0.25:
-            image = image.filter(ImageFilter.GaussianBlur(rng.uniform(0.3, 1.6)))
-        return image
+def _street_picture(nouns: dict[int, str], seed: int, path: Path, boxes: Boxes) -> Picture:
+    rgb = np.asarray(Image.open(path).convert("RGB"))
+    label = np.asarray(Image.open(path.with_suffix(".png"))) + np.uint8(1)  # void is 255: it becomes 0
+    number, objects = np.zeros(label.shape, dtype=np.int32), []
+    side = boxes.xyxy_px[:, 2:] - boxes.xyxy_px[:, :2]
+    for row in np.argsort(-side.prod(axis=1), kind="stable"):
+        x0, y0, x1, y1 = np.rint(boxes.xyxy_px[row]).clip(0).astype(int)
+        window = np.s_[y0:y1, x0:x1]
+        inside = np.isin(label[window], list(nouns))
+        if not inside.any():
+            continue
+        most = np.bincount(label[window][inside]).argmax()
+        coloured = coloured_number(nouns[int(most)], rgb[window][inside])
+        objects.append(Object(coloured, boxes.share[row].astype(np.float32), CLASSES[boxes.kind[row]]))
+        number[window][inside] = len(objects)
+    rng = np.random.default_rng([seed, *path.stem.encode()])
+    return Picture(rgb, label, number, objects, places_of(label, rng), path.stem.split("-")[0])
 
 
-def _start(whole: int, part: float, within: float | None, rng: np.random.Generator) -> float:
-    """Where a part of a line begins; it lies on the line as far as it can, and has the place that is named."""
-    low, high = sorted((0, whole - part))
-    if within is None:
-        return rng.uniform(low, high)
-    return float(np.clip(rng.uniform(within - part, within), low, high))
+def city(folder: Path, first: int, seed: int) -> Iterator[Picture]:
+    """Yield the pictures of city_images.py; their labels begin at `first`."""
+    kinds = {"sedan": "car", "double-decker bus": "bus"}
+    nouns = [kinds.get(name, NOUN_OF.get(name.replace(" ", "_"))) for name in city_names(folder)]
+    paths = [path for path in sorted(folder.glob("*.jpg")) if path.with_suffix(".png").exists()]
+    with ProcessPoolExecutor() as pool:
+        yield from pool.map(partial(_city_picture, nouns, first, seed), paths, chunksize=20)
+
+
+def _city_picture(nouns: list[str | None], first: int, seed: int, path: Path) -> Picture:
+    rgb, name = np.asarray(Image.open(path).convert("RGB")), np.asarray(Image.open(path.with_suffix(".png")))
+    number, objects = np.zeros(name.shape, dtype=np.int32), []
+    for place in np.unique(name):
+        if (noun := nouns[int(place)]) is None:
+            continue
+        parts, _ = ndimage.label(name == place)
+        for part, window in enumerate(ndimage.find_objects(parts), start=1):
+            inside = parts[window] == part
+            if (coloured := coloured_number(noun, rgb[window][inside])) != NONE:
+                objects.append(Object(coloured, None, ""))
+                number[window][inside] = len(objects)
+    label = name + np.uint8(first)
+    rng = np.random.default_rng([seed, *path.stem.encode()])
+    return Picture(rgb, label, number, objects, places_of(label, rng), "city")
+
+
+def city_names(folder: Path) -> list[str]:
+    """Return the names that labels of the city are places of."""
+    return (folder / "names.txt").read_text(encoding="utf-8").split("\n")[:-1]
+
+
+def street_sets(folder: Path) -> list[list[str]]:
+    """Return the classes of each label of pseudo_labels.py."""
+    return list(json.loads((folder / "sets.json").read_text()))
+
+
+def nouns_of_sets(sets: list[list[str]]) -> dict[int, str]:
+    """Return what things of a label (from 1) are called, of those that are one class."""
+    names = {"car": "car", "truck": "truck", "bus": "bus", "train": "tram"}
+    return {number: names[one[0]] for number, one in enumerate(sets, start=1) if len(one) == 1 and one[0] in names}
+
+
+def numbered(pictures: Sequence[Picture]) -> list[Object]:
+    """Number the objects of all pictures, from 1, and return them."""
+    objects: list[Object] = []
+    for picture in pictures:
+        picture.number[picture.number > 0] += len(objects)
+        objects += picture.objects
+    return objects
+
+
+def things(labels: Labels, sets: list[list[str]], city: list[str], kinds: Bools) -> Bools:
+    """(c,) which labels are of things that can be cut out and sought; `kinds` says which names of the city are."""
+    cut = {"fence", "pole", "traffic light", "traffic sign", "person", "rider", "car", "truck", "bus", "train", "motorcycle", "bicycle"}
+    real = [bool(one) and set(one) <= cut for one in sets]
+    return np.array([False, *real, *kinds])[: len(labels.concepts)]

@@ -50,12 +50,14 @@ def as_int8(vectors: Array) -> tuple[Array, Array]:
 
 
 def concept_table(tables: dict[str, Array], phrases: Sequence[str], tokenizer: Path) -> dict[str, Array]:
-    """Return the mean of the words of each concept."""
-    none = {"concepts": np.zeros((1, DIM), np.int8), "concept_scale": np.zeros(1, np.float32)}
-    text = MiniText(tables | none, phrases, tokenizer)
+    """Return the mean of the words of each concept; training gives it a direction of its own later on."""
+    none = np.zeros((1, DIM), np.int8), np.zeros(1, np.float32)
+    keys = ("concepts", "concept_scale"), ("directions", "direction_scale")
+    empty = {name: value for pair in keys for name, value in zip(pair, none, strict=True)}
+    text = MiniText(tables | empty, phrases, tokenizer)
     concepts = tomllib.loads(WORDS.read_text(encoding="utf-8")).values()
-    codes, scale = as_int8(np.array([text.embed_plain(one["words"]).mean(axis=0) for one in concepts]))
-    return {"concepts": codes, "concept_scale": scale}
+    means = as_int8(np.array([text.embed_plain(one["words"]).mean(axis=0) for one in concepts]))
+    return {name: value for pair in keys for name, value in zip(pair, means, strict=True)}
 
 
 def main() -> None:

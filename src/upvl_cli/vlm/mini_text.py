@@ -4,8 +4,9 @@ A phrase of the table has the full model's vector. Any other is the weighted mea
 model2vec: rare tokens count more (smooth inverse frequency; Arora et al., "A simple but tough-to-beat
 baseline for sentence embeddings", ICLR 2017), the frequency taken from the rank in the vocabulary (Zipf).
 
-Pixels were trained on the means of the synonyms of some concepts. A word that is near such a concept is attracted
-by it, so that "motorway" finds what "road" finds; a word that is near none stays where it is.
+Pixels were trained on the synonyms of some concepts. A word that is near such a concept, the mean of its synonyms, is
+attracted towards the direction that pictures gave to it, so that "motorway" finds what "road" finds and "fire truck"
+not what "truck" finds, however near both words are in text; a word that is near none stays where it is.
 """
 
 from __future__ import annotations
@@ -45,14 +46,15 @@ class MiniText:
         """Take the tables.
 
         Args:
-            tables: `tokens` (v, d), `phrases` (p, d) and `concepts` (k, d), int8, each with its scale a row:
-                `token_scale` (v,), `phrase_scale` (p,), `concept_scale` (k,).
+            tables: `tokens` (v, d), `phrases` (p, d), `concepts` (k, d) and `directions` (k, d), int8, each with its
+                scale a row: `token_scale` (v,), `phrase_scale` (p,), `concept_scale` (k,), `direction_scale` (k,).
             phrases: The p phrases, as `normalize` writes them.
             tokenizer: JSON file of the tokenizer.
         """
         self._tokens = tables["tokens"] * tables["token_scale"][:, None]
         self.vectors = unit(tables["phrases"] * tables["phrase_scale"][:, None])
-        self._concepts = unit(tables["concepts"] * tables["concept_scale"][:, None])
+        self.concepts = unit(tables["concepts"] * tables["concept_scale"][:, None])
+        self._directions = unit(tables["directions"] * tables["direction_scale"][:, None])
         self.phrases = tuple(phrases)
         self._place = {phrase: place for place, phrase in enumerate(self.phrases)}
         self._tokenizer = Tokenizer.from_file(str(tokenizer))
@@ -61,12 +63,23 @@ class MiniText:
 
     def embed(self, words: Sequence[str]) -> Floats:
         """Return (t, d) float32 vectors of length 1, attracted by concepts; zeros without a known token."""
-        vectors = self.embed_plain(words)
-        similarity = vectors @ self._concepts.T
-        share = np.exp((similarity - similarity.max(axis=1, keepdims=True)) / TEMPERATURE)
-        towards = unit(share @ self._concepts)
-        near = 1 / (1 + np.exp((MIDPOINT - similarity.max(axis=1, keepdims=True)) / SLOPE))
-        return unit(vectors + ATTRACTION * near * vectors.any(axis=1, keepdims=True) * towards)
+        plain, share, near = self.before_attraction(words)
+        return unit(plain + ATTRACTION * near[:, None] * unit(share @ self._directions))
+
+    def before_attraction(self, words: Sequence[str]) -> tuple[Floats, Floats, Floats]:
+        """Return what the attraction of t phrases by k concepts is computed from.
+
+        Returns:
+            (t, d) vectors as `embed_plain` gives them; (t, k) shares of the concepts, summing to 1; (t,) how near
+            the nearest concept is, 0 to 1, and 0 for a phrase without a known token.
+        """
+        plain = self.embed_plain(words)
+        similarity = plain @ self.concepts.T
+        largest = similarity.max(axis=1, initial=-1)
+        share = np.exp((similarity - largest[:, None]) / TEMPERATURE)
+        near = plain.any(axis=1) / (1 + np.exp((MIDPOINT - largest) / SLOPE))
+        share /= share.sum(axis=1, keepdims=True)
+        return plain, share.astype(np.float32), near.astype(np.float32)
 
     def embed_plain(self, words: Sequence[str]) -> Floats:
         """Return (t, d) float32 vectors of length 1 of the full model or of the tokens, without attraction."""
