@@ -10,8 +10,11 @@ import argparse
 import shutil
 from pathlib import Path
 
+import numpy as np
 import torch
+from safetensors import numpy as numpy_file
 from safetensors.torch import load_file, save_file
+from text import as_int8
 
 from upvl_cli.vlm.mini import FILES, WEIGHTS
 
@@ -30,7 +33,10 @@ def main() -> None:
         if value.is_floating_point()
     }
     save_file(kept, WEIGHTS / image)
-    shutil.copyfile(options.text / "text.safetensors", WEIGHTS / text)
+    tables = dict(numpy_file.load_file(options.text / "text.safetensors"))
+    directions = np.mean([numpy_file.load_file(one / "directions.safetensors")["directions"] for one in options.networks], axis=0)
+    tables["directions"], tables["direction_scale"] = as_int8(directions)
+    numpy_file.save_file(tables, WEIGHTS / text)
     shutil.copyfile(options.text / "mini_phrases.txt", WEIGHTS / phrases)
     shutil.copyfile(options.text / "mini_tokenizer.json", WEIGHTS / tokenizer)
     for name in FILES:

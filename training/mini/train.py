@@ -173,7 +173,7 @@ def main() -> None:
     mean: dict[str, float] = {}
     while (minutes := (time.monotonic() - started) / 60) < options.minutes:
         parts = trainer.step(crops.batch(), minutes / options.minutes)
-        if trainer.steps % 100 == 1:
+        if trainer.steps % 50 == 1:
             mean = {name: round(value.item(), 3) for name, value in parts.items()}
             print(f"{minutes:5.2f} min step {trainer.steps} {mean}", flush=True)
         if time.monotonic() - saved > 60:
