@@ -8,15 +8,38 @@ from __future__ import annotations
 
 import argparse
 import shutil
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import torch
+from phrases import WORDS
 from safetensors import numpy as numpy_file
 from safetensors.torch import load_file, save_file
 from text import as_int8
 
+from upvl_cli.types import Array, Floats
 from upvl_cli.vlm.mini import FILES, WEIGHTS
+from upvl_cli.vlm.mini_text import ATTRACTION, MiniText, unit
+
+
+def with_directions(text: Path, learned: Floats) -> dict[str, Array]:
+    """Return the tables of the text half with the directions of the concepts: learned ones, and described ones."""
+    tables = dict(numpy_file.load_file(text / "text.safetensors"))
+    tables["directions"], tables["direction_scale"] = as_int8(learned)
+    phrases = (text / "mini_phrases.txt").read_text(encoding="utf-8").split("\n")[:-1]
+    half = MiniText(tables, phrases, text / "mini_tokenizer.json")
+    directions = learned.copy()
+    for row, concept in enumerate(tomllib.loads(WORDS.read_text(encoding="utf-8")).values()):
+        if "described" in concept:
+            towards = unit(half.embed(concept["described"]).mean(axis=0))
+            plain = half.embed_plain(concept["words"]).mean(axis=0)
+            # The direction that brings the mean of the words there, their own vectors included.
+            along = float(towards @ plain)
+            reach = along + (along**2 + ATTRACTION**2 - float(plain @ plain)) ** 0.5
+            directions[row] = (reach * towards - plain) / ATTRACTION
+    tables["directions"], tables["direction_scale"] = as_int8(directions)
+    return tables
 
 
 def main() -> None:
@@ -33,10 +56,8 @@ def main() -> None:
         if value.is_floating_point()
     }
     save_file(kept, WEIGHTS / image)
-    tables = dict(numpy_file.load_file(options.text / "text.safetensors"))
-    directions = np.mean([numpy_file.load_file(one / "directions.safetensors")["directions"] for one in options.networks], axis=0)
-    tables["directions"], tables["direction_scale"] = as_int8(directions)
-    numpy_file.save_file(tables, WEIGHTS / text)
+    learned = [numpy_file.load_file(folder / "directions.safetensors")["directions"] for folder in options.networks]
+    numpy_file.save_file(with_directions(options.text, np.mean(learned, axis=0)), WEIGHTS / text)
     shutil.copyfile(options.text / "mini_phrases.txt", WEIGHTS / phrases)
     shutil.copyfile(options.text / "mini_tokenizer.json", WEIGHTS / tokenizer)
     for name in FILES:

@@ -62,7 +62,7 @@ def _onnx(weights: str) -> Model:
 
 
 MODELS: dict[str, ModelFamily] = {
-    "mini": ModelFamily(_mini_files, _mini, "mini", version=2),
+    "mini": ModelFamily(_mini_files, _mini, "mini", version=3),
     "clip": ModelFamily(_clip_files, _clip, "clip:/models/clip-vit-base-patch16"),
     "openseg": ModelFamily(_openseg_files, _openseg, "openseg:/models/openseg"),
     "onnx": ModelFamily(_onnx_files, _onnx, "onnx:/models/mine"),

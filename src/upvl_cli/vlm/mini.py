@@ -13,6 +13,9 @@ from upvl_cli.errors import BadSetting
 from upvl_cli.types import Array, BackgroundRule, Floats
 from upvl_cli.vlm.mini_text import MiniText
 
+CELL = 4  # pixels of the embedded picture a cell of its features
+STRIDE = 32  # sides of an embedded picture are multiples of this
+
 if TYPE_CHECKING:
     from torch import Tensor
 
@@ -22,9 +25,10 @@ OBJECTS = (
     "car", "vehicle", "parked vehicle", "sedan", "truck", "bus", "van", "minivan", "school bus", "pickup truck",
     "ambulance", "fire truck", "human", "person", "pedestrian", "cyclist", "bicycle",
 )  # fmt: skip
-# Test-time augmentation: pictures are resized to about the size of the training, and embedded once more at a lower
-# resolution and mirrored: large, near objects are recognized there, and the errors of both are independent.
-DETAIL_PX, MAX_SCALE = 180_000, 1.25
+# Pictures are embedded at their own size as far as the budget goes: what is reduced loses what is far. Where the budget
+# allows it, once more, mirrored and at a lower resolution: large, near objects are recognized there, and the errors of
+# both are independent. docs/log.md has what other sizes give.
+BUDGET_PX, MAX_SCALE = 480_000, 1.25
 COARSE_SCALE, COARSE_WEIGHT = 0.625, 0.5
 FILES = ("mini_image.safetensors", "mini_text.safetensors", "mini_phrases.txt", "mini_tokenizer.json")
 
@@ -69,7 +73,7 @@ class Mini:
         return self.text.unknown_words(phrases)
 
     def embed_image(self, rgb: Array) -> Floats:
-        """Return (h', w', d) features of length 1, from a fine and a coarse resolution."""
+        """Return (h', w', d) features of length 1; small pictures are looked at a second time, mirrored and reduced."""
         import torch
         from torch.nn import functional
 
@@ -77,20 +81,22 @@ class Mini:
         torch.set_num_threads(1)
         height, width, _ = rgb.shape
         pixels = torch.tensor(rgb).permute(2, 0, 1)[None].float()
-        scale = min((DETAIL_PX / (height * width)) ** 0.5, MAX_SCALE)
+        scale = min((BUDGET_PX / (height * width)) ** 0.5, MAX_SCALE)
+        both_px = height * width * scale**2 * (1 + COARSE_SCALE**2)
         with torch.inference_mode():
-            detail = self._embed_at(pixels, scale)
-            coarse = self._embed_at(pixels.flip(-1), scale * COARSE_SCALE).flip(-1)
-            coarse = functional.interpolate(coarse, detail.shape[-2:], mode="bilinear", align_corners=False)
-            features = functional.normalize(detail + COARSE_WEIGHT * coarse, dim=1)
+            features = self._embed_at(pixels, scale)
+            if both_px <= BUDGET_PX:
+                coarse = self._embed_at(pixels.flip(-1), scale * COARSE_SCALE).flip(-1)
+                coarse = functional.interpolate(
+                    coarse, features.shape[-2:], mode="bilinear", align_corners=False
+                )
+                features = functional.normalize(features + COARSE_WEIGHT * coarse, dim=1)
         return np.asarray(features[0].permute(1, 2, 0).numpy())
 
     def _embed_at(self, pixels: Tensor, scale: float) -> Tensor:
         """Return (1, d, h', w') features of length 1 of a picture resized to whole cells."""
         import torch
         from torch.nn import functional
-
-        from upvl_cli.vlm.mini_network import CELL, STRIDE
 
         high, wide = (max(round(side * scale / CELL), 1) for side in pixels.shape[-2:])
         size = (high * CELL, wide * CELL)

@@ -39,6 +39,18 @@ class _MiniConv(nn.Module):
         return functional.relu6(x, inplace=True) if self.cut else x
 
 
+class _Pointwise(nn.Module):
+    """A convolution of 1 x 1 as a matrix product along the channels, which lie together: without copies, so quicker."""
+
+    def __init__(self, conv: nn.Conv2d):
+        super().__init__()
+        self.weight = nn.Parameter(conv.weight.detach()[:, :, 0, 0].clone())
+        self.bias = conv.bias
+
+    def forward(self, x: Tensor) -> Tensor:
+        return functional.linear(x.permute(0, 2, 3, 1), self.weight, self.bias).permute(0, 3, 1, 2)
+
+
 class _Block(nn.Module):
     """An inverted residual (Sandler et al., "MobileNetV2", CVPR 2018)."""
 
@@ -89,8 +101,10 @@ class MiniNetwork(nn.Module):
         """Fold the norms into the convolutions, for use without training; returns itself."""
         for module in self.modules():
             if isinstance(module, _MiniConv):
-                module.conv = fuse_conv_bn_eval(module.conv, module.norm)  # type: ignore[arg-type]
+                conv = fuse_conv_bn_eval(module.conv, module.norm)  # type: ignore[arg-type]
+                module.conv = _Pointwise(conv) if conv.kernel_size == (1, 1) else conv
                 module.norm = nn.Identity()
+        self.point = _Pointwise(self.point)
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         return self
 
