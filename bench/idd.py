@@ -20,7 +20,16 @@ GROUPS = {
     "non-drivable": ("sidewalk", "pavement", "grass", "ground"),
     "living things": ("person", "pedestrian", "rider", "animal"),
     "vehicles": ("car", "truck", "bus", "motorcycle", "bicycle", "van", "auto rickshaw"),
-    "roadside objects": ("wall", "fence", "guard rail", "pole", "traffic sign", "traffic light", "billboard", "curb"),
+    "roadside objects": (
+        "wall",
+        "fence",
+        "guard rail",
+        "pole",
+        "traffic sign",
+        "traffic light",
+        "billboard",
+        "curb",
+    ),
     "far objects": ("building", "tree", "vegetation", "bridge"),
     "sky": ("sky",),
 }
@@ -42,11 +51,18 @@ def main() -> None:
         name = path.name.replace("_image.jpg", "_label.png")
         label = np.asarray(Image.open(options.root / "gtFine" / "val" / path.parent.name / name))
         features = model.embed_image(np.asarray(Image.open(path).convert("RGB")))
-        cosines = np.stack([(features @ words[group_of_word == group].T).max(axis=2) for group in range(len(GROUPS))], 2)
+        cosines = np.stack(
+            [(features @ words[group_of_word == group].T).max(axis=2) for group in range(len(GROUPS))], 2
+        )
         size = (label.shape[1], label.shape[0])
-        full = [np.asarray(Image.fromarray(one).resize(size, Image.Resampling.BILINEAR)) for one in np.moveaxis(cosines, 2, 0)]
+        full = [
+            np.asarray(Image.fromarray(one).resize(size, Image.Resampling.BILINEAR))
+            for one in np.moveaxis(cosines, 2, 0)
+        ]
         found, known = np.argmax(full, axis=0), label < len(GROUPS)
-        confusion += np.bincount(label[known] * len(GROUPS) + found[known], minlength=confusion.size).reshape(confusion.shape)
+        confusion += np.bincount(label[known] * len(GROUPS) + found[known], minlength=confusion.size).reshape(
+            confusion.shape
+        )
     right = np.diag(confusion)
     iou = right / np.maximum(confusion.sum(axis=0) + confusion.sum(axis=1) - right, 1)
     print("  ".join(f"{name} {value:.3f}" for name, value in zip(GROUPS, iou, strict=True)))

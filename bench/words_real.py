@@ -68,7 +68,9 @@ def scored(workspace: Workspace, segment: str) -> None:
         boxes = labels[labels.frame == frame]
         inside = points_inside(workspace.drive(segment).points(frame).xyz_ego_m[seen], boxes, margin_m=0.0)
         cosines = pca.basis.cosines(row.feature[seen[row.state == SEEN]], words)
-        best = np.stack([cosines[:, group_of_word == group].max(axis=1) for group in range(len(lists))], axis=1)
+        best = np.stack(
+            [cosines[:, group_of_word == group].max(axis=1) for group in range(len(lists))], axis=1
+        )
         for number in np.flatnonzero(inside.any(axis=1)):
             own = best[inside[number]]
             points[str(boxes.class_name[number])].append(own)
@@ -77,19 +79,28 @@ def scored(workspace: Workspace, segment: str) -> None:
     print(f"{segment}: share of points nearest to each group; then of the looks at an object, by most points")
     for class_name, parts in sorted(points.items()):
         every = np.concatenate(parts)
-        print(f"  {class_name:12} {len(every):7d} points  " + _shares(names, np.bincount(every.argmax(1), minlength=len(names))))
+        print(
+            f"  {class_name:12} {len(every):7d} points  "
+            + _shares(names, np.bincount(every.argmax(1), minlength=len(names)))
+        )
         among = every[:, :3].argmax(1)
         print(f"  {'':12} among vehicle words      " + _shares(names[:3], np.bincount(among, minlength=3)))
         own = looks[class_name]
         if own:
             won = [np.bincount(one.argmax(1), minlength=len(names)).argmax() for one, _ in own]
-            print(f"  {'':12} {len(own):7d} looks   " + _shares(names, np.bincount(won, minlength=len(names))))
+            print(
+                f"  {'':12} {len(own):7d} looks   " + _shares(names, np.bincount(won, minlength=len(names)))
+            )
             vehicle = [np.bincount(one[:, :3].argmax(1), minlength=3).argmax() for one, _ in own]
-            print(f"  {'':12} among vehicle words      " + _shares(names[:3], np.bincount(vehicle, minlength=3)))
+            print(
+                f"  {'':12} among vehicle words      " + _shares(names[:3], np.bincount(vehicle, minlength=3))
+            )
 
 
 def _shares(names: list[str], counts: np.ndarray) -> str:
-    return "  ".join(f"{name} {value:.3f}" for name, value in zip(names, counts / max(counts.sum(), 1), strict=True))
+    return "  ".join(
+        f"{name} {value:.3f}" for name, value in zip(names, counts / max(counts.sum(), 1), strict=True)
+    )
 
 
 if __name__ == "__main__":

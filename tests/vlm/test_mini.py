@@ -10,8 +10,8 @@ from PIL import Image
 
 from upvl_cli.errors import BadSetting
 from upvl_cli.vlm import MODELS, model_family
-from upvl_cli.vlm.mini import DETAIL_PX, FILES, MAX_SCALE, WEIGHTS, Mini
-from upvl_cli.vlm.mini_text import normalize
+from upvl_cli.vlm.mini import BUDGET_PX, COARSE_SCALE, COARSE_WEIGHT, FILES, MAX_SCALE, WEIGHTS, Mini
+from upvl_cli.vlm.mini_text import ATTRACTION, MiniText, normalize, unit
 
 
 @pytest.fixture(scope="module")
@@ -76,16 +76,70 @@ def test_phrases_are_made_plain(given: str, expected: str) -> None:
     assert normalize(given) == expected
 
 
-@pytest.mark.parametrize(("height", "width"), [(64, 96), (61, 90), (375, 1242)])
+@pytest.mark.parametrize(("height", "width"), [(64, 96), (61, 90), (375, 1242), (900, 1600)])
 def test_cells_cover_the_picture(model: Mini, height: int, width: int) -> None:
     picture = np.random.default_rng(0).integers(0, 255, (height, width, 3), dtype=np.uint8)
     cells = model.embed_image(picture)
-    # About the size that the network learnt at, and the shape of the picture.
-    scale = min((DETAIL_PX / (height * width)) ** 0.5, MAX_SCALE)
+    scale = min((BUDGET_PX / (height * width)) ** 0.5, MAX_SCALE)
     assert cells.shape == (round(height * scale / 4), round(width * scale / 4), model.dim)
     np.testing.assert_allclose(np.linalg.norm(cells, axis=2), 1, atol=1e-4)
     assert np.isfinite(cells).all()
     np.testing.assert_array_equal(cells, model.embed_image(picture))
+
+
+def test_a_small_picture_is_looked_at_again_mirrored_and_reduced(model: Mini) -> None:
+    import torch
+    from torch.nn import functional
+
+    picture = np.random.default_rng(0).integers(0, 255, (128, 160, 3), dtype=np.uint8)
+    pixels = torch.tensor(picture).permute(2, 0, 1)[None].float()
+    with torch.inference_mode():
+        fine = model._embed_at(pixels, MAX_SCALE)
+        coarse = model._embed_at(pixels.flip(-1), MAX_SCALE * COARSE_SCALE).flip(-1)
+    coarse = functional.interpolate(coarse, fine.shape[-2:], mode="bilinear", align_corners=False)
+    both = functional.normalize(fine + COARSE_WEIGHT * coarse, dim=1)[0].permute(1, 2, 0).numpy()
+    np.testing.assert_allclose(model.embed_image(picture), both, atol=1e-5)
+
+
+def test_a_large_picture_is_looked_at_once(model: Mini) -> None:
+    import torch
+
+    picture = np.random.default_rng(0).integers(0, 255, (375, 1242, 3), dtype=np.uint8)
+    pixels = torch.tensor(picture).permute(2, 0, 1)[None].float()
+    with torch.inference_mode():
+        once = model._embed_at(pixels, (BUDGET_PX / (375 * 1242)) ** 0.5)[0].permute(1, 2, 0).numpy()
+    np.testing.assert_allclose(model.embed_image(picture), once, atol=1e-5)
+
+
+def test_words_go_where_pictures_put_their_concept() -> None:
+    """Two concepts of one direction in text, and of others in pictures."""
+    concepts = unit(np.array([[1.0, 0.2, 0.0, 0.0], [1.0, -0.2, 0.0, 0.0]], np.float32))
+    directions = np.eye(4, dtype=np.float32)[[2, 3]]
+    phrases = np.vstack([concepts, unit(np.array([[0.0, 0.0, 0.0, 1.0]], np.float32))])
+    tables = {
+        "tokens": np.zeros((30522, 4), np.int8), "token_scale": np.zeros(30522, np.float32),
+        "phrases": np.rint(127 * phrases).astype(np.int8), "phrase_scale": np.full(3, 1 / 127, np.float32),
+        "concepts": np.rint(127 * concepts).astype(np.int8), "concept_scale": np.full(2, 1 / 127, np.float32),
+        "directions": np.rint(127 * directions).astype(np.int8), "direction_scale": np.full(2, 1 / 127, np.float32),
+    }  # fmt: skip
+    text = MiniText(tables, ["fire truck", "truck", "music"], WEIGHTS / FILES[3])
+    fire, truck, music = text.embed(["fire truck", "truck", "music"])
+    plain = text.embed_plain(["fire truck", "truck"])
+    assert plain[0] @ plain[1] > 0.9
+    assert fire @ truck < 0.6
+    np.testing.assert_allclose(music, [0, 0, 0, 1], atol=0.02)  # near no concept: it stays
+    _, share, near = text.before_attraction(["fire truck"])
+    slow = plain[0] + ATTRACTION * near[0] * unit(share[0] @ directions)
+    np.testing.assert_allclose(fire, slow / np.linalg.norm(slow), atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("word", "other"),
+    [("fire truck", "truck"), ("bus", "truck"), ("pedestrian", "cyclist"), ("garbage truck", "truck")],
+)
+def test_words_that_are_near_in_text_are_apart(model: Mini, word: str, other: str) -> None:
+    one, two = model.embed_text([word, other])
+    assert one @ two < 0.95  # above that a query takes both for one
 
 
 def test_norms_folded_into_convolutions_change_nothing(model: Mini) -> None:

@@ -107,11 +107,17 @@ class Concepts:
         made = [[name in one["city"] for one in self.table.values()] for name in city]
         concepts = np.array([[False] * len(self.names), *real, *made])
         parent = np.array(
-            [[word in one.get("parents", ()) or word in one["words"] for word in self.parents] for one in self.table.values()]
+            [
+                [word in one.get("parents", ()) or word in one["words"] for word in self.parents]
+                for one in self.table.values()
+            ]
         )
         mean = concepts @ parent.astype(np.float32) / np.maximum(concepts.sum(axis=1, keepdims=True), 1)
         rows = len(concepts)
-        classes, camvid = np.zeros((rows, len(self.class_concepts)), bool), np.zeros((rows, len(CAMVID)), bool)
+        classes, camvid = (
+            np.zeros((rows, len(self.class_concepts)), bool),
+            np.zeros((rows, len(CAMVID)), bool),
+        )
         for row, names in enumerate(sets, start=1):
             for name in names:
                 if name in CLASS_WORDS:

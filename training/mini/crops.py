@@ -47,7 +47,11 @@ class Crops:
         self.held: dict[int, tuple[Tensor, Tensor]] = {}
         self.showing = []
         for source in sources:
-            labels = [number for number in np.flatnonzero(things) if any(int(number) in p.places for p in source.pictures)]
+            labels = [
+                number
+                for number in np.flatnonzero(things)
+                if any(int(number) in p.places for p in source.pictures)
+            ]
             self.showing.append([(n, [p for p in source.pictures if n in p.places]) for n in labels])
             for picture in source.pictures:
                 both = np.stack([picture.label.astype(np.float32), picture.number.astype(np.float32)])
@@ -84,7 +88,12 @@ class Crops:
         x = _start(width, part[1], None if within is None else float(within[1]), rng)
         mirror = -1.0 if rng.random() < 0.5 else 1.0
         theta = torch.tensor(
-            [[[mirror * part[1] / width, 0, (2 * x + part[1]) / width - 1], [0, part[0] / height, (2 * y + part[0]) / height - 1]]],
+            [
+                [
+                    [mirror * part[1] / width, 0, (2 * x + part[1]) / width - 1],
+                    [0, part[0] / height, (2 * y + part[0]) / height - 1],
+                ]
+            ],
             device=self.device,
         )
         grid = functional.affine_grid(theta, [1, 3, high, wide], align_corners=False)
@@ -93,7 +102,9 @@ class Crops:
             pixels = functional.avg_pool2d(functional.pad(pixels, (0, 1, 0, 1), mode="replicate"), 2, 1)
         return (
             functional.grid_sample(pixels, grid, mode="bilinear", padding_mode="zeros", align_corners=False),
-            functional.grid_sample(maps[None], grid, mode="nearest", padding_mode="zeros", align_corners=False),
+            functional.grid_sample(
+                maps[None], grid, mode="nearest", padding_mode="zeros", align_corners=False
+            ),
         )
 
     def _uniform(self, count: int, low: float, high: float) -> Tensor:
@@ -125,7 +136,9 @@ class Crops:
         """Return the pictures as poorer cameras see them: blurred, and with noise."""
         n, (high, wide) = len(rgb), self.size
         factor = float(self.rng.uniform(1.3, 2.2))
-        small = functional.interpolate(rgb, (int(high / factor), int(wide / factor)), mode="bilinear", antialias=True)
+        small = functional.interpolate(
+            rgb, (int(high / factor), int(wide / factor)), mode="bilinear", antialias=True
+        )
         blurred = functional.interpolate(small, (high, wide), mode="bilinear")
         rgb = torch.where(self._uniform(n, 0, 1) < 0.25, blurred, rgb)
         noisy = (self._uniform(n, 0, 1) < 0.3) * self._uniform(n, 1, 9)

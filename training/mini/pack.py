@@ -56,7 +56,9 @@ def main() -> None:
         if value.is_floating_point()
     }
     save_file(kept, WEIGHTS / image)
-    learned = [numpy_file.load_file(folder / "directions.safetensors")["directions"] for folder in options.networks]
+    learned = [
+        numpy_file.load_file(folder / "directions.safetensors")["directions"] for folder in options.networks
+    ]
     numpy_file.save_file(with_directions(options.text, np.mean(learned, axis=0)), WEIGHTS / text)
     shutil.copyfile(options.text / "mini_phrases.txt", WEIGHTS / phrases)
     shutil.copyfile(options.text / "mini_tokenizer.json", WEIGHTS / tokenizer)

@@ -92,7 +92,9 @@ def places_of(label: Array, rng: np.random.Generator) -> dict[int, Ints]:
 def coloured_number(noun: str | None, rgb: Array) -> int:
     """Return the place of an object's colour and noun, `NONE` where either is not known."""
     colour = colour_of(rgb) if noun and len(rgb) >= LEAST_PX else None
-    return NONE if colour is None or noun is None else NOUNS.index(noun) * len(COLOURS) + COLOURS.index(colour)
+    return (
+        NONE if colour is None or noun is None else NOUNS.index(noun) * len(COLOURS) + COLOURS.index(colour)
+    )
 
 
 class Boxes(NamedTuple):
@@ -172,11 +174,13 @@ def street_sets(folder: Path) -> list[list[str]]:
 def nouns_of_sets(sets: list[list[str]]) -> dict[int, str]:
     """Return what things of a label (from 1) are called, of those that are one class."""
     names = {"car": "car", "truck": "truck", "bus": "bus", "train": "tram"}
-    return {number: names[one[0]] for number, one in enumerate(sets, start=1) if len(one) == 1 and one[0] in names}
+    return {
+        number: names[one[0]] for number, one in enumerate(sets, start=1) if len(one) == 1 and one[0] in names
+    }
 
 
 def numbered(pictures: Sequence[Picture]) -> list[Object]:
-    """Number the objects of all pictures, from 1, and return them."""
+    """Return the objects of all pictures, which are numbered from 1 now."""
     objects: list[Object] = []
     for picture in pictures:
         picture.number[picture.number > 0] += len(objects)
@@ -186,6 +190,19 @@ def numbered(pictures: Sequence[Picture]) -> list[Object]:
 
 def things(labels: Labels, sets: list[list[str]], city: list[str], kinds: Bools) -> Bools:
     """(c,) which labels are of things that can be cut out and sought; `kinds` says which names of the city are."""
-    cut = {"fence", "pole", "traffic light", "traffic sign", "person", "rider", "car", "truck", "bus", "train", "motorcycle", "bicycle"}
+    cut = {
+        "fence",
+        "pole",
+        "traffic light",
+        "traffic sign",
+        "person",
+        "rider",
+        "car",
+        "truck",
+        "bus",
+        "train",
+        "motorcycle",
+        "bicycle",
+    }
     real = [bool(one) and set(one) <= cut for one in sets]
     return np.array([False, *real, *kinds])[: len(labels.concepts)]

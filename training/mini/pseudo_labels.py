@@ -1,4 +1,4 @@
-"""Joins human labels of pictures with what teachers see: python training/mini/pseudo_labels.py TEACHERS OUT --camvid .. --idd ..
+"""Joins labels of pictures with what teachers see: python training/mini/pseudo_labels.py SEEN OUT --camvid .. --idd ..
 
 A pixel gets a set of `CLASSES`: what the data set's own label allows, narrowed where two teachers agree. CamVid's
 "car" covers lorries and buses and IDD-Lite's "vehicles" cover bicycles; two of three teachers (two dense networks, one
@@ -56,8 +56,10 @@ def votes(teacher: dict[str, Array], use: frozenset[str]) -> Array:
     return counts
 
 
-def joined(allowed: tuple[tuple[str, ...], ...], label: Array, counts: Array, sets: Sets, least: int) -> Array:
-    """Return (h, w) places of sets: the label's own, or the one class in it that most teachers, `least` or more, say."""
+def joined(
+    allowed: tuple[tuple[str, ...], ...], label: Array, counts: Array, sets: Sets, least: int
+) -> Array:
+    """Return (h, w) places of sets: the label's own, or the one class in it that `least` teachers or more say."""
     out = np.full(label.shape, VOID, dtype=np.uint8)
     for number, names in enumerate(allowed):
         here = label == number
@@ -67,7 +69,9 @@ def joined(allowed: tuple[tuple[str, ...], ...], label: Array, counts: Array, se
         said = counts[classes][:, here]
         best, most = said.argmax(axis=0), said.max(axis=0)
         clear = (said == most).sum(axis=0) == 1
-        places = np.array([*(sets.place((one,)) for one in classes), sets.place(tuple(classes))], dtype=np.uint8)
+        places = np.array(
+            [*(sets.place((one,)) for one in classes), sets.place(tuple(classes))], dtype=np.uint8
+        )
         out[here] = places[np.where((most >= least) & clear, best, len(classes))]
     return out
 
@@ -121,7 +125,7 @@ def agreed(teacher: dict[str, Array], counts: Array, sets: Sets) -> Array:
 def main() -> None:
     """Write the pictures, their labels, the sets and the objects."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("teachers", type=Path, help="folder of teach.py's files")
+    parser.add_argument("seen", type=Path, help="folder of teach.py's files")
     parser.add_argument("out", type=Path)
     parser.add_argument("--camvid", type=Path, required=True)
     parser.add_argument("--idd", type=Path, required=True)
@@ -131,30 +135,31 @@ def main() -> None:
     use, sets = frozenset(options.use.split(",")), Sets()
     least = 2 if len(use) > 1 else 1
     objects: list[tuple[str, Array, Array, int]] = []
-    for path in sorted(options.teachers.glob("*.npz")):
+    for path in sorted(options.seen.glob("*.npz")):
         with np.load(path) as file:
             teacher = dict(file)
         picture = Path(str(teacher["path"]))
         source, name = path.stem.split("-")[0], path.stem
         counts = votes(teacher, use)
         if source == "camvid":
-            label = np.asarray(Image.open(picture.parent.parent / f"{picture.parent.name}annot/{picture.stem}.png"))
+            label = np.asarray(
+                Image.open(picture.parent.parent / f"{picture.parent.name}annot/{picture.stem}.png")
+            )
             classes = (options.camvid / "classes.txt").read_text().splitlines()
             places = joined(tuple(CAMVID.get(one, ()) for one in classes[:11]), label, counts, sets, least)
         elif source == "idd":
             found = picture.stem.replace("_image", "_label.png")
-            label = np.asarray(Image.open(options.idd / "gtFine" / picture.parent.parent.name / picture.parent.name / found))
+            label = np.asarray(
+                Image.open(options.idd / "gtFine" / picture.parent.parent.name / picture.parent.name / found)
+            )
             classes = (options.idd / "classes.txt").read_text().splitlines()
             places = joined(tuple(IDD[one] for one in classes[:7]), label, counts, sets, least)
         else:
             places = agreed(teacher, counts, sets)
         if "Y" in use:
             places = whole_objects(places, teacher, use, sets)
-        if source == "other":
-            picture = Path(f"/tmp/m20/other-{picture.stem}.png")
-            Image.open(picture).convert("RGB").save(options.out / f"{name}.jpg", quality=88)
-        else:
-            shutil.copyfile(picture, options.out / f"{name}.jpg")
+        reduced = path.with_suffix(".jpg")
+        shutil.copyfile(reduced if reduced.exists() else picture, options.out / f"{name}.jpg")
         Image.fromarray(places).save(options.out / f"{name}.png", optimize=True)
         for box, kind, share in zip(teacher["xyxy"], teacher["kind"], teacher["probs"], strict=True):
             if share.any() and kind != NUMBER["person"]:

@@ -51,7 +51,11 @@ class Yolox:
         height, width, _ = rgb.shape
         parts = [self._at(rgb, 0, 0, self.side / max(height, width))]
         if max(height, width) > self.side * 1.3:
-            parts += [self._at(rgb, x, y, 1.0) for y in _starts(height, self.side) for x in _starts(width, self.side)]
+            parts += [
+                self._at(rgb, x, y, 1.0)
+                for y in _starts(height, self.side)
+                for x in _starts(width, self.side)
+            ]
         boxes, score, kind = (np.concatenate(column) for column in zip(*parts, strict=True))
         kept = _suppressed(boxes, score, kind, 0.5)
         return Found(boxes[kept], score[kept], kind[kept])
@@ -67,7 +71,9 @@ class Yolox:
         boxes, score, kind = self._decoded(out[0])
         # A box that a tile cuts is one of the part only: the whole picture has it, or another tile.
         inner = [x > 0, y > 0, x + self.side < picture.width, y + self.side < picture.height]
-        edges = np.stack([boxes[:, 0] < 2, boxes[:, 1] < 2, boxes[:, 2] > self.side - 2, boxes[:, 3] > self.side - 2])
+        edges = np.stack(
+            [boxes[:, 0] < 2, boxes[:, 1] < 2, boxes[:, 2] > self.side - 2, boxes[:, 3] > self.side - 2]
+        )
         whole = ~(edges & np.array(inner)[:, None]).any(axis=0)
         return ((boxes + [x, y, x, y]) / scale)[whole], score[whole], kind[whole]
 
@@ -91,13 +97,17 @@ class Yolox:
 def _starts(whole: int, side: int) -> list[int]:
     """Where tiles begin that overlap by a quarter at least."""
     count = max(1, math.ceil((whole - side / 4) / (side * 3 / 4)))
-    return [round(i * max(whole - side, 0) / max(count - 1, 1)) for i in range(count)] if whole > side else [0]
+    return (
+        [round(i * max(whole - side, 0) / max(count - 1, 1)) for i in range(count)] if whole > side else [0]
+    )
 
 
 def _suppressed(boxes: Floats, score: Floats, kind: Array, most: float) -> Array:
     order, kept = np.argsort(-score, kind="stable"), []
     for i in order:
-        over = [_iou(boxes[i], boxes[k]) for k in kept if kind[k] == kind[i] or _iou(boxes[i], boxes[k]) > 0.8]
+        over = [
+            _iou(boxes[i], boxes[k]) for k in kept if kind[k] == kind[i] or _iou(boxes[i], boxes[k]) > 0.8
+        ]
         if not over or max(over) < most:
             kept.append(i)
     return np.array(kept, dtype=np.int64)
@@ -123,7 +133,9 @@ class DeepLab:
     def __call__(self, rgb: Array) -> Array:
         """Return the (h, w) class of each pixel."""
         picture = Image.fromarray(rgb)
-        self.network.set_tensor(self.input, np.asarray(picture.resize((513, 513), Image.Resampling.BILINEAR))[None])
+        self.network.set_tensor(
+            self.input, np.asarray(picture.resize((513, 513), Image.Resampling.BILINEAR))[None]
+        )
         self.network.invoke()
         classes = self.network.get_tensor(self.output)[0].astype(np.uint8)
         return np.asarray(Image.fromarray(classes).resize(picture.size, Image.Resampling.NEAREST))
@@ -167,20 +179,28 @@ class LiteHead:
         size = (self.side, self.side)
         pixels = np.stack([np.asarray(crop.resize(size, Image.Resampling.BICUBIC)) for crop in crops])
         x = (torch.tensor(pixels).permute(0, 3, 1, 2).float() - 127) / 128
-        x = functional.relu6(self._norm(functional.conv2d(x, self.weights["_conv_stem.weight"], None, 2, 1), "_bn0"))
+        x = functional.relu6(
+            self._norm(functional.conv2d(x, self.weights["_conv_stem.weight"], None, 2, 1), "_bn0")
+        )
         number = 0
         for after, blocks, kernel, stride, growth in self.stages:
             for turn in range(blocks):
                 x = self._block(x, f"_blocks.{number}.", (after, kernel, stride if turn == 0 else 1, growth))
                 number += 1
-        x = functional.relu6(self._norm(functional.conv2d(x, self.weights["_conv_head.weight"]), "_bn1")).mean((2, 3))
-        return np.asarray(torch.softmax(x @ self.weights["_fc.weight"].T + self.weights["_fc.bias"], 1).numpy())
+        x = functional.relu6(
+            self._norm(functional.conv2d(x, self.weights["_conv_head.weight"]), "_bn1")
+        ).mean((2, 3))
+        return np.asarray(
+            torch.softmax(x @ self.weights["_fc.weight"].T + self.weights["_fc.bias"], 1).numpy()
+        )
 
     def _block(self, x: Tensor, name: str, of: tuple[int, int, int, int]) -> Tensor:
         after, kernel, stride, growth = of
         y, w = x, self.weights
         if growth > 1:
-            y = functional.relu6(self._norm(functional.conv2d(y, w[name + "_expand_conv.weight"]), name + "_bn0"))
+            y = functional.relu6(
+                self._norm(functional.conv2d(y, w[name + "_expand_conv.weight"]), name + "_bn0")
+            )
         deep = w[name + "_depthwise_conv.weight"]
         y = functional.conv2d(y, deep, None, stride, kernel // 2, groups=y.shape[1])
         y = functional.relu6(self._norm(y, name + "_bn1"))
@@ -190,4 +210,6 @@ class LiteHead:
     def _norm(self, x: Tensor, name: str) -> Tensor:
         w = self.weights
         mean, variance = w[name + ".running_mean"], w[name + ".running_var"]
-        return functional.batch_norm(x, mean, variance, w[name + ".weight"], w[name + ".bias"], False, 0, 1e-3)
+        return functional.batch_norm(
+            x, mean, variance, w[name + ".weight"], w[name + ".bias"], False, 0, 1e-3
+        )

@@ -59,7 +59,9 @@ def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
     for name in ("text", "trunk", "street", "city", "out"):
         parser.add_argument(name, type=Path)
-    parser.add_argument("--imagenet", type=Path, required=True, help="ImageNet's words, a line each after the first")
+    parser.add_argument(
+        "--imagenet", type=Path, required=True, help="ImageNet's words, a line each after the first"
+    )
     parser.add_argument("--minutes", type=float, default=60)
     parser.add_argument("--learning-rate", type=float, default=1.5e-3)
     parser.add_argument("--initial", type=Path, help="weights of an earlier run")
@@ -76,7 +78,9 @@ def text_half(folder: Path) -> MiniText:
     return MiniText(load_file(folder / "text.safetensors"), phrases, folder / "mini_tokenizer.json")
 
 
-def data(options: argparse.Namespace, concepts: Concepts) -> tuple[list[Picture], Labels, list[Object], np.ndarray]:
+def data(
+    options: argparse.Namespace, concepts: Concepts
+) -> tuple[list[Picture], Labels, list[Object], np.ndarray]:
     """Return the pictures, what their labels and objects are, and which labels are things."""
     sets, names = street_sets(options.street), city_names(options.city)
     labels = concepts.labels(sets, names)
@@ -84,7 +88,12 @@ def data(options: argparse.Namespace, concepts: Concepts) -> tuple[list[Picture]
         *street(options.street, nouns_of_sets(sets), options.seed),
         *city(options.city, len(sets) + 1, options.seed),
     ]
-    return pictures, labels, numbered(pictures), things(labels, sets, names, np.array([name in KINDS for name in names]))
+    return (
+        pictures,
+        labels,
+        numbered(pictures),
+        things(labels, sets, names, np.array([name in KINDS for name in names])),
+    )
 
 
 class Trainer:
@@ -119,11 +128,15 @@ class Trainer:
             group["lr"] = self.options.learning_rate * group["share"] * warm * (1 - part) ** 0.9
         self.network.train()
         rgb = batch.rgb.contiguous(memory_format=torch.channels_last)
-        with torch.autocast(self.options.device.split(":")[0], torch.bfloat16, enabled=self.options.device != "cpu"):
+        with torch.autocast(
+            self.options.device.split(":")[0], torch.bfloat16, enabled=self.options.device != "cpu"
+        ):
             features = self.network(rgb)
         parts = self.loss(features.float(), batch)
         left_out = self.options.without.split(",")
-        total = 0.05 * parts["stay"] + sum(weight * parts[name] for name, weight in WEIGHTS.items() if name not in left_out)
+        total = 0.05 * parts["stay"] + sum(
+            weight * parts[name] for name, weight in WEIGHTS.items() if name not in left_out
+        )
         self.optimizer.zero_grad()
         total.backward()
         nn.utils.clip_grad_norm_(self.trained, 5.0)
@@ -141,8 +154,14 @@ class Trainer:
 
     def save(self) -> None:
         """Write the means of the weights."""
-        halves = {name: value.half() if value.dtype.is_floating_point else value for name, value in self.mean.state_dict().items()}
-        save_file({name: value.cpu().contiguous() for name, value in halves.items()}, self.options.out / "network.safetensors")
+        halves = {
+            name: value.half() if value.dtype.is_floating_point else value
+            for name, value in self.mean.state_dict().items()
+        }
+        save_file(
+            {name: value.cpu().contiguous() for name, value in halves.items()},
+            self.options.out / "network.safetensors",
+        )
         unit = nn.functional.normalize(self.directions, dim=1)
         save_file({"directions": unit.cpu().contiguous()}, self.options.out / "directions.safetensors")
 
@@ -156,7 +175,9 @@ def main() -> None:
     torch.backends.cuda.matmul.allow_tf32 = True
     concepts = Concepts(text_half(options.text))
     pictures, labels, objects, is_thing = data(options, concepts)
-    counts = sum(np.bincount(p.label[::4, ::4].ravel(), minlength=len(labels.concepts)).astype(float) for p in pictures)
+    counts = sum(
+        np.bincount(p.label[::4, ::4].ravel(), minlength=len(labels.concepts)).astype(float) for p in pictures
+    )
     of_imagenet = concepts.of_imagenet(options.imagenet.read_text(encoding="utf-8").split("\n")[1:1001])
     loss = WordLoss(concepts, labels, counts, objects, of_imagenet, options.seed).to(options.device)
     trainer = Trainer(loss, options)

@@ -17,7 +17,16 @@ from upvl_cli.vlm.mini_text import ATTRACTION
 TAU = 0.05
 PIXELS = 4000  # of each crop that are asked
 LEAST_PIXELS = 25  # asked of an object whose kinds of ImageNet are taught
-WEIGHTS = {"named": 1.0, "class": 1.0, "may": 0.4, "camvid": 0.5, "angle": 0.5, "kin": 0.5, "colour": 0.25, "kinds": 0.2}
+WEIGHTS = {
+    "named": 1.0,
+    "class": 1.0,
+    "may": 0.4,
+    "camvid": 0.5,
+    "angle": 0.5,
+    "kin": 0.5,
+    "colour": 0.25,
+    "kinds": 0.2,
+}
 STREET_SHARE = 0.3  # of ImageNet's shares of an object that its concepts must have
 
 
@@ -28,7 +37,15 @@ class WordLoss(nn.Module):
     and far in pictures part.
     """
 
-    def __init__(self, concepts: Concepts, labels: Labels, counts: Floats, objects: list[Object], of_imagenet: Bools, seed: int):
+    def __init__(
+        self,
+        concepts: Concepts,
+        labels: Labels,
+        counts: Floats,
+        objects: list[Object],
+        of_imagenet: Bools,
+        seed: int,
+    ):
         super().__init__()
         self.rng = np.random.default_rng(seed)
         every = [concepts.phrases(list(one["words"])) for one in concepts.table.values()]
@@ -39,7 +56,12 @@ class WordLoss(nn.Module):
         self._keep("parents", concepts.phrases(concepts.parents))
         self.directions = nn.Parameter(torch.tensor(concepts.text.concepts.copy()))
         self.register_buffer("start", torch.tensor(concepts.text.concepts.copy()))
-        for name, value in (("shows", labels.concepts), ("classes", labels.classes), ("camvid", labels.camvid), ("kin", labels.parents)):
+        for name, value in (
+            ("shows", labels.concepts),
+            ("classes", labels.classes),
+            ("camvid", labels.camvid),
+            ("kin", labels.parents),
+        ):
             self.register_buffer(name, torch.tensor(value))
         self.class_rows = [concepts.names.index(name) for name in concepts.class_concepts]
         self.camvid_rows = [concepts.names.index(name) for name in concepts.camvid_concepts]
@@ -63,7 +85,9 @@ class WordLoss(nn.Module):
             if one.share is not None:
                 shares[row] = (of_imagenet @ one.share * concepts.may_show(one.class_))[self.kind_rows]
         total = shares.sum(axis=1, keepdims=True)
-        self.register_buffer("kind_shares", torch.tensor(np.where(total > STREET_SHARE, shares / np.maximum(total, 1e-6), 0)))
+        self.register_buffer(
+            "kind_shares", torch.tensor(np.where(total > STREET_SHARE, shares / np.maximum(total, 1e-6), 0))
+        )
 
     def phrases(self, name: str, rows: Tensor | None = None) -> Tensor:
         """Return attracted phrases, as `MiniText.embed` does."""
@@ -77,7 +101,9 @@ class WordLoss(nn.Module):
         """Return the parts of the loss of (n, d, h / 4, w / 4) features, unweighted."""
         count, device = len(features), features.device
         place = torch.rand(count, PIXELS, 2, device=device) * 2 - 1
-        at = functional.grid_sample(features, place[:, None], align_corners=False, padding_mode="border")[:, :, 0]
+        at = functional.grid_sample(features, place[:, None], align_corners=False, padding_mode="border")[
+            :, :, 0
+        ]
         pixel = functional.normalize(at.transpose(1, 2), dim=2).flatten(0, 1)
         height, width = batch.label.shape[1:]
         row = ((place[..., 1] + 1) / 2 * height).long().clamp(max=height - 1)
@@ -140,7 +166,9 @@ class WordLoss(nn.Module):
         if not len(key):
             return pixel.sum() * 0
         found, place, count = torch.unique(key, return_inverse=True, return_counts=True)
-        mean = torch.zeros(len(found), pixel.shape[-1], device=pixel.device).index_add_(0, place, pixel[taught])
+        mean = torch.zeros(len(found), pixel.shape[-1], device=pixel.device).index_add_(
+            0, place, pixel[taught]
+        )
         kept = count >= LEAST_PIXELS
         words = self.phrases("words", torch.tensor(self.first[self.kind_rows], device=pixel.device))
         log_share = functional.log_softmax(functional.normalize(mean[kept], dim=1) @ words.T / TAU, dim=1)

@@ -23,7 +23,9 @@ WEIGHTS = Path(__file__).with_name("weights")
 # Background is what is nearer to its words than to these, by more than chance; docs/log.md has the figures.
 OBJECTS = (
     "car", "vehicle", "parked vehicle", "sedan", "truck", "bus", "van", "minivan", "school bus", "pickup truck",
-    "ambulance", "fire truck", "human", "person", "pedestrian", "cyclist", "bicycle",
+    "ambulance", "fire truck", "tram", "garbage truck", "human", "person", "pedestrian", "child", "jogger",
+    "person with umbrella", "stroller", "wheelchair user", "cyclist", "bicycle", "motorcyclist", "motorcycle",
+    "scooter rider",
 )  # fmt: skip
 # Pictures are embedded at their own size as far as the budget goes: what is reduced loses what is far. Where the budget
 # allows it, once more, mirrored and at a lower resolution: large, near objects are recognized there, and the errors of
