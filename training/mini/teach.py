@@ -1,6 +1,6 @@
-"""Writes what the teachers see in real pictures: python training/mini/teach.py TEACHERS LITE2.pth OUT --camvid .. --idd ..
+"""Writes what teachers see in pictures: python training/mini/teach.py TEACHERS LITE2.pth OUT --camvid .. --idd ..
 
-TEACHERS has yolox_nano.onnx, DeepLab's .tflite and ESPNetv2's .safetensors; a teacher that is not there is left out. OUT
+TEACHERS has yolox_nano.onnx, DeepLab's .tflite and ESPNetv2's .safetensors; one that is not there is left out. OUT
 gets NAME.npz of each picture, and NAME.jpg of those that were reduced. A run that was stopped goes on where it was. No
 picture of a drive that is scored belongs here.
 """

@@ -29,7 +29,7 @@ class _MiniConv(nn.Module):
         self, before: int, after: int, kernel: int, *, stride: int = 1, groups: int = 1, cut: bool = True
     ):
         super().__init__()
-        self.conv = nn.Conv2d(before, after, kernel, stride, kernel // 2, groups=groups, bias=False)
+        self.conv: nn.Module = nn.Conv2d(before, after, kernel, stride, kernel // 2, groups=groups, bias=False)
         self.norm: nn.Module = nn.BatchNorm2d(after, eps=1e-3, momentum=0.01)
         self.cut = cut
 
@@ -95,16 +95,17 @@ class MiniNetwork(nn.Module):
         self.fine = _MiniConv(fine, _NARROW, 1, cut=False)
         self.thin = _MiniConv(_WIDE, _NARROW, 1, cut=False)
         self.last = _MiniConv(_NARROW, _NARROW, 3)
-        self.point = nn.Conv2d(_NARROW, dim, 1)
+        self.point: nn.Module = nn.Conv2d(_NARROW, dim, 1)
 
     def fuse(self) -> MiniNetwork:
         """Fold the norms into the convolutions, for use without training; returns itself."""
         for module in self.modules():
-            if isinstance(module, _MiniConv):
+            if isinstance(module, _MiniConv) and isinstance(module.conv, nn.Conv2d):
                 conv = fuse_conv_bn_eval(module.conv, module.norm)  # type: ignore[arg-type]
                 module.conv = _Pointwise(conv) if conv.kernel_size == (1, 1) else conv
                 module.norm = nn.Identity()
-        self.point = _Pointwise(self.point)
+        if isinstance(self.point, nn.Conv2d):
+            self.point = _Pointwise(self.point)
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         return self
 
