@@ -265,7 +265,9 @@ CAMVID_OF = {
 }  # fmt: skip
 
 
-def camvid_miou(network: nn.Module, root: Path, every: int, size: tuple[int, int]) -> tuple[np.ndarray, float]:
+def camvid_miou(
+    network: nn.Module, root: Path, every: int, size: tuple[int, int]
+) -> tuple[np.ndarray, float]:
     """Return the IoU of CamVid's 11 classes on its test pictures, and the CPU seconds of one picture.
 
     Args:
