@@ -20,7 +20,9 @@ from tiny_clip import CONTEXT, IMAGE, MEAN, PATCH, STD
 from torch.nn import functional
 
 from upvl_cli.errors import BadInput, BadSetting
+from upvl_cli.vlm import siglip
 from upvl_cli.vlm.clip import Clip, files, resized_size, window_starts
+from upvl_cli.vlm.siglip import Siglip
 
 WORDS = ["car", "red car", "tree"]
 Saved = tuple[Path, Any]
@@ -31,6 +33,12 @@ def saved(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     """A checkpoint and the library's own model of it."""
     folder = tmp_path_factory.mktemp(request.param.__name__)
     return folder, request.param(folder)
+
+
+def opened(saved: Saved) -> Clip:
+    """Our model of the checkpoint."""
+    folder, model = saved
+    return Siglip(str(folder)) if model.config.model_type == "siglip" else Clip(str(folder))
 
 
 def picture(height: int, width: int) -> np.ndarray:
@@ -75,7 +83,7 @@ def test_words_are_the_librarys_text_features(saved: Saved) -> None:
     )
     with torch.inference_mode():
         expected = functional.normalize(model.get_text_features(tokens["input_ids"]).pooler_output, dim=-1)
-    vlm = Clip(str(folder))
+    vlm = opened(saved)
     vectors = vlm.embed_text(WORDS)
     assert vectors.dtype == np.float32 and vectors.shape == (3, vlm.dim)
     np.testing.assert_allclose(vectors, expected.numpy(), atol=1e-6)
@@ -83,7 +91,7 @@ def test_words_are_the_librarys_text_features(saved: Saved) -> None:
 
 
 def test_a_word_has_one_vector_in_any_company(saved: Saved) -> None:
-    vlm = Clip(str(saved[0]))
+    vlm = opened(saved)
     many = vlm.embed_text(["Car", "tree of a red photo of a car", *["red"] * 100])
     np.testing.assert_allclose(many[0], vlm.embed_text(["car"])[0], atol=1e-6)
     assert vlm.embed_text([]).shape == (0, vlm.dim)
@@ -91,20 +99,20 @@ def test_a_word_has_one_vector_in_any_company(saved: Saved) -> None:
 
 
 def test_words_need_no_vision_tower(saved: Saved) -> None:
-    vlm = Clip(str(saved[0]))
+    vlm = opened(saved)
     vlm.embed_text(["car"])
     assert "_image" not in vars(vlm)
 
 
 def test_one_window_is_the_value_path_of_the_library(saved: Saved) -> None:
-    folder, model = saved
+    _, model = saved
     rgb = picture(IMAGE, IMAGE)
     pixels = normalised(rgb)
     if (
         model.config.model_type == "siglip"
     ):  # 35 pixels make 4 patches of 8; the library leaves the rest unread
         pixels = functional.pad(pixels, (0, 3, 0, 3))
-    features = Clip(str(folder)).embed_image(rgb)
+    features = opened(saved).embed_image(rgb)
     assert features.dtype == np.float32
     np.testing.assert_allclose(features, library_values(model, pixels), atol=1e-5)
 
@@ -122,7 +130,7 @@ def test_the_whole_last_block_would_give_the_librarys_image(tmp_path: Path) -> N
 
 def test_overlapping_windows_are_averaged(saved: Saved) -> None:
     """Two windows, at cells 0 and 2 of six, beside each other."""
-    folder, model = saved
+    _, model = saved
     rgb = picture(IMAGE, 6 * PATCH)
     pixels = normalised(rgb)
     if model.config.model_type == "siglip":
@@ -131,7 +139,7 @@ def test_overlapping_windows_are_averaged(saved: Saved) -> None:
     left = library_values(model, pixels[..., :side])
     right = library_values(model, pixels[..., 2 * PATCH : 2 * PATCH + side])
     expected = np.concatenate([left[:, :2], (left[:, 2:] + right[:, :2]) / 2, right[:, 2:]], axis=1)
-    np.testing.assert_allclose(Clip(str(folder)).embed_image(rgb), expected, atol=1e-5)
+    np.testing.assert_allclose(opened(saved).embed_image(rgb), expected, atol=1e-5)
 
 
 def test_one_colour_without_places_has_one_feature(tmp_path: Path) -> None:
@@ -170,12 +178,13 @@ def test_windows_cover_and_overlap(cells: int) -> None:
 
 
 def test_cells_cover_the_picture(saved: Saved) -> None:
-    assert Clip(str(saved[0])).embed_image(picture(50, 90)).shape[:2] == (6, 11)
-    assert Clip(str(saved[0])).embed_image(picture(10, 21)).shape[:2] == (4, 8)
+    assert opened(saved).embed_image(picture(50, 90)).shape[:2] == (6, 11)
+    assert opened(saved).embed_image(picture(10, 21)).shape[:2] == (4, 8)
 
 
 def test_files_are_what_makes_the_model(saved: Saved) -> None:
-    names = [path.name for path in files(str(saved[0]))]
+    of_kind = siglip.files if saved[1].config.model_type == "siglip" else files
+    names = [path.name for path in of_kind(str(saved[0]))]
     assert names == [
         "config.json",
         "model.safetensors",
@@ -212,6 +221,10 @@ def other_kind(folder: Path) -> None:
     (folder / "config.json").write_text(json.dumps({"model_type": "blip"}))
 
 
+def of_siglip(folder: Path) -> None:
+    (folder / "config.json").write_text(json.dumps({"model_type": "siglip"}))
+
+
 def cut(folder: Path) -> None:
     path = folder / "model.safetensors"
     path.write_bytes(path.read_bytes()[:300])
@@ -236,7 +249,8 @@ BAD: list[tuple[Callable[[Path], Any], str]] = [
     (lambda folder: (folder / "preprocessor_config.json").unlink(), "lacks preprocessor_config.json"),
     (lambda folder: (folder / "config.json").write_text("{"), "cannot be read as JSON"),
     (lambda folder: (folder / "config.json").write_text("[]"), "holds a list, expected an object"),
-    (other_kind, "model_type is 'blip', expected clip or siglip"),
+    (other_kind, "model_type is 'blip', expected clip$"),
+    (of_siglip, "expected clip; for SigLIP write model = .siglip:FOLDER.$"),
     (cut, "transformers cannot read it"),
     (of_half_the_weights, "lacks weights: "),
     (lambda folder: (folder / "tokenizer.json").write_text("{}"), "transformers cannot read it"),

@@ -14,9 +14,9 @@ import pytest
 pytest.importorskip("onnx", reason="makes the graphs of these tests")
 pytest.importorskip("onnxruntime", reason="needs the extra onnx")
 
-import onnx
-from onnx import TensorProto, helper, numpy_helper
+from onnx import TensorProto, helper
 from PIL import Image
+from tiny_graph import graph
 from tokenizers import Tokenizer, models, pre_tokenizers, processors
 
 from upvl_cli.errors import BadInput, BadSetting
@@ -37,18 +37,6 @@ CARD = {
 RANDOM = np.random.default_rng(8)
 KERNEL = RANDOM.normal(size=(DIM, 3, PATCH, PATCH)).astype(np.float32)
 TABLE = RANDOM.normal(size=(len(WORDS), DIM)).astype(np.float32)
-
-
-def graph(path: Path, nodes: list[Any], source: Any, target: Any, constants: dict[str, np.ndarray]) -> None:
-    """Write a graph of one input and one output."""
-    held = [numpy_helper.from_array(value, name) for name, value in constants.items()]
-    model = helper.make_model(
-        helper.make_graph(nodes, "tiny", [source], [target], held),
-        opset_imports=[helper.make_opsetid("", 17)],
-        ir_version=8,
-    )
-    onnx.checker.check_model(model)
-    onnx.save(model, path)
 
 
 def write_image(folder: Path, kernel: np.ndarray = KERNEL) -> None:

@@ -55,6 +55,12 @@ def save(model: Any, folder: Path) -> Any:
         for weight in model.parameters():
             weight.add_(0.3 * torch.randn(weight.shape))
     model.save_pretrained(folder)
+    tokenizer_files(folder)
+    return model.eval()
+
+
+def tokenizer_files(folder: Path) -> None:
+    """Write what a checkpoint has beside its weights."""
     PreTrainedTokenizerFast(
         tokenizer_object=tiny_tokenizer(),
         pad_token="<pad>",
@@ -64,7 +70,6 @@ def save(model: Any, folder: Path) -> Any:
     ).save_pretrained(folder)
     preprocessor = {"image_mean": MEAN, "image_std": STD, "rescale_factor": 1 / 255}
     (folder / "preprocessor_config.json").write_text(json.dumps(preprocessor))
-    return model.eval()
 
 
 def clip(folder: Path) -> CLIPModel:

@@ -254,7 +254,7 @@ def open_espnetv2(path: Path) -> nn.Module:
     """
     network = EspNetV2()
     network.load_state_dict(load_file(path), strict=True)
-    return network.eval().to(memory_format=torch.channels_last)
+    return network.eval()
 
 
 # Which class of CamVid shows each of Cityscapes: its sets of words, as its authors grouped them.
@@ -301,7 +301,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("weights", type=Path)
     parser.add_argument("camvid", type=Path)
-    parser.add_argument("--every", type=int, default=4, help="step between test pictures")
+    parser.add_argument("--every", type=int, default=1, help="step between test pictures")
     parser.add_argument("--size", type=int, nargs=2, default=(640, 480), help="width and height in pixels")
     options = parser.parse_args()
     torch.set_num_threads(1)

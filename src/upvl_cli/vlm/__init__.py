@@ -37,6 +37,18 @@ def _clip(weights: str) -> Model:
     return Clip(weights)
 
 
+def _siglip_files(weights: str) -> tuple[Path, ...]:
+    from upvl_cli.vlm.siglip import files
+
+    return files(weights)
+
+
+def _siglip(weights: str) -> Model:
+    from upvl_cli.vlm.siglip import Siglip
+
+    return Siglip(weights)
+
+
 def _openseg_files(weights: str) -> tuple[Path, ...]:
     from upvl_cli.vlm.openseg import files
 
@@ -61,11 +73,25 @@ def _onnx(weights: str) -> Model:
     return Onnx(weights)
 
 
+def _cityscapes_files(weights: str) -> tuple[Path, ...]:
+    from upvl_cli.vlm.cityscapes import files
+
+    return files(weights)
+
+
+def _cityscapes(weights: str) -> Model:
+    from upvl_cli.vlm.cityscapes import Cityscapes
+
+    return Cityscapes(weights)
+
+
 MODELS: dict[str, ModelFamily] = {
     "mini": ModelFamily(_mini_files, _mini, "mini", version=3),
     "clip": ModelFamily(_clip_files, _clip, "clip:/models/clip-vit-base-patch16"),
+    "siglip": ModelFamily(_siglip_files, _siglip, "siglip:/models/siglip-base-patch16-384"),
     "openseg": ModelFamily(_openseg_files, _openseg, "openseg:/models/openseg"),
     "onnx": ModelFamily(_onnx_files, _onnx, "onnx:/models/mine"),
+    "cityscapes": ModelFamily(_cityscapes_files, _cityscapes, "cityscapes:/models/street.onnx"),
 }
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -71,13 +71,19 @@ def _fetched(name: str, where: str) -> Path:
         ) from error
 
 
-def files(checkpoint: Path, kinds: Sequence[str], needed: Sequence[str] = ()) -> tuple[Path, ...]:
+def files(
+    checkpoint: Path,
+    kinds: Sequence[str],
+    needed: Sequence[str] = (),
+    hints: Mapping[str, str] | None = None,
+) -> tuple[Path, ...]:
     """Return the files that make a checkpoint, sorted; they are checked, but the weights are not read.
 
     Args:
         checkpoint: Its folder.
         kinds: Values of `model_type` that can be read.
         needed: Files that it must have beside its config, weights and tokenizer.
+        hints: What to do about other values of `model_type`.
 
     Raises:
         BadInput: Files are missing, the weights are pickles, or it is of another kind.
@@ -95,8 +101,10 @@ def files(checkpoint: Path, kinds: Sequence[str], needed: Sequence[str] = ()) ->
         )
     found = read_json(checkpoint / "config.json").get("model_type")
     if found not in kinds:
+        hint = (hints or {}).get(str(found), "")
         raise BadInput(
             f"{checkpoint / 'config.json'}: model_type is {found!r}, expected {' or '.join(kinds)}"
+            + f"; {hint}" * bool(hint)
         )
     names = {"config.json", *needed, *TOKENIZERS, *BESIDE}
     listed = [checkpoint / name for name in names if (checkpoint / name).is_file()]

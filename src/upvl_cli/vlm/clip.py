@@ -1,4 +1,4 @@
-"""CLIP or SigLIP from a checkpoint of the user's, with dense features at the resolution of the picture."""
+"""CLIP from a checkpoint of the user's, with dense features at the resolution of the picture."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import cached_property
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from upvl_cli.vlm.clip_text import ClipText
 if TYPE_CHECKING:
     from torch import Tensor
 
-KINDS = ("clip", "siglip")
 OVERLAP = 0.25  # of a window's side, at least: a patch at its rim has not seen what is around it
 BATCH = 16  # windows at once
 # Words that fit anything. Cosines of CLIP are all within a few tenths and offset by far more than the paper's
@@ -31,27 +30,25 @@ def files(weights: str) -> tuple[Path, ...]:
     """Return the files that make the model.
 
     Raises:
-        BadInput: It is not a checkpoint of CLIP or SigLIP with safetensors.
+        BadInput: It is not a checkpoint of CLIP with safetensors.
     """
-    return _listed(_folder(weights))
-
-
-def _folder(weights: str) -> Path:
-    return checkpoint.folder(weights, f'vlm.toml: model = "clip:{weights}"')
-
-
-def _listed(folder: Path) -> tuple[Path, ...]:
-    return checkpoint.files(folder, KINDS, (checkpoint.PREPROCESSOR,))
+    return Clip.files(Clip.folder(weights))
 
 
 class Clip:
-    """CLIP or SigLIP (a `Model`).
+    """CLIP (a `Model`).
 
     Attributes:
+        family: What stands before the colon of `model` in vlm.toml.
+        kinds: Values of `model_type` that it reads.
+        hints: What to do about others.
         background: Compares with neutral words, because cosines of CLIP have an offset; a start that
             `upvl fit-background-threshold` refines.
     """
 
+    family: ClassVar[str] = "clip"
+    kinds: ClassVar[tuple[str, ...]] = ("clip",)
+    hints: ClassVar[dict[str, str]] = {"siglip": 'for SigLIP write model = "siglip:FOLDER"'}
     background = BackgroundRule(NEUTRAL, 0.0)
 
     def __init__(self, weights: str) -> None:
@@ -60,10 +57,20 @@ class Clip:
         Args:
             weights: Folder of a checkpoint, or its name on the Hugging Face hub.
         """
-        self.name = f"clip:{weights}"
-        self._checkpoint = _folder(weights)
-        _listed(self._checkpoint)
+        self.name = f"{self.family}:{weights}"
+        self._checkpoint = self.folder(weights)
+        self.files(self._checkpoint)
         self._text = ClipText(self._checkpoint)
+
+    @classmethod
+    def folder(cls, weights: str) -> Path:
+        """Return the folder of the checkpoint; see `checkpoint.folder`."""
+        return checkpoint.folder(weights, f'vlm.toml: model = "{cls.family}:{weights}"')
+
+    @classmethod
+    def files(cls, folder: Path) -> tuple[Path, ...]:
+        """Return the files that make the model; see `checkpoint.files`."""
+        return checkpoint.files(folder, cls.kinds, (checkpoint.PREPROCESSOR,), cls.hints)
 
     @property
     def dim(self) -> int:

@@ -53,6 +53,7 @@ class ClipText:
             [PROMPT.format(word).lower() for word in words],
             # SigLIP reads its vector at the last place, whatever stands there: it was trained on full length.
             padding="max_length" if self._siglip else True,
+            padding_side="right",  # as in training; the class of SigLIP 2's tokenizer has the left as its default
             truncation=True,
             max_length=self._config.max_position_embeddings,
             return_tensors="pt",

@@ -2,48 +2,25 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from upvl_cli.errors import BadInput, BadSetting, one_line
-from upvl_cli.runtime.parallel import threads
+from upvl_cli.errors import BadInput, one_line
 from upvl_cli.types import Array, BackgroundRule, Floats
-from upvl_cli.vlm.checkpoint import read_json
 from upvl_cli.vlm.mini_text import unit
+from upvl_cli.vlm.model_card import IMAGE_KEYS, CardKeys, is_integer, is_number, is_strings, read_card
+from upvl_cli.vlm.onnx_graph import FLOAT, INTEGER, open_graph, run_graph
 
 IMAGE, TEXT, TOKENIZER, CARD = FILES = ("image.onnx", "text.onnx", "tokenizer.json", "model.json")
-FLOAT, INTEGER = "tensor(float)", "tensor(int64)"
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-
-
-def _is_integer(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool)
-
-
-def _is_triple(value: Any) -> bool:
-    return isinstance(value, list) and len(value) == 3 and all(map(_is_number, value))
-
-
-# Keys of model.json: what each has to be, and whether a value is that.
-KEYS: dict[str, tuple[str, Callable[[Any], bool]]] = {
-    "mean": ("3 numbers, of pixels from 0 to 1", _is_triple),
-    "std": ("3 positive numbers", lambda value: _is_triple(value) and min(value) > 0),
-    "multiple": ("a whole number from 1 on", lambda value: _is_integer(value) and value > 0),
-    "context": ("a whole number from 1 on", lambda value: _is_integer(value) and value > 0),
-    "pad_id": ("a whole number from 0 on", lambda value: _is_integer(value) and value >= 0),
-    "against": (
-        "a list of words",
-        lambda value: isinstance(value, list) and all(isinstance(word, str) for word in value),
-    ),
-    "threshold": ("a number", _is_number),
+KEYS: CardKeys = IMAGE_KEYS | {
+    "context": ("a whole number from 1 on", lambda value: is_integer(value) and value > 0),
+    "pad_id": ("a whole number from 0 on", lambda value: is_integer(value) and value >= 0),
+    "against": ("a list of words", is_strings),
+    "threshold": ("a number", is_number),
 }
 
 
@@ -64,25 +41,6 @@ def files(weights: str) -> tuple[Path, ...]:
     return tuple(sorted([*(folder / name for name in FILES), *folder.glob("*.data")]))
 
 
-def read_card(path: Path) -> dict[str, Any]:
-    """Return the values of model.json; see `KEYS`.
-
-    Raises:
-        BadInput: A key is unknown, missing or of another kind; all of them are named.
-    """
-    content = read_json(path)
-    problems = [f"unknown key {key!r}" for key in content if key not in KEYS]
-    problems += [f"{key!r} is missing" for key in KEYS if key not in content]
-    problems += [
-        f"{key!r} is {content[key]!r}, expected {expected}"
-        for key, (expected, fits) in KEYS.items()
-        if key in content and not fits(content[key])
-    ]
-    if problems:
-        raise BadInput(f"{path}: {'; '.join(problems)} (known keys: {', '.join(KEYS)})")
-    return content
-
-
 class Onnx:
     """Two graphs and a tokenizer (a `Model`)."""
 
@@ -95,7 +53,7 @@ class Onnx:
         files(weights)
         self.name = f"onnx:{weights}"
         self._folder = Path(weights).expanduser()
-        self._card = read_card(self._folder / CARD)
+        self._card = read_card(self._folder / CARD, KEYS)
 
     @property
     def background(self) -> BackgroundRule:
@@ -149,43 +107,11 @@ class Onnx:
 
     @cached_property
     def _text(self) -> Any:
-        return _session(self._folder / TEXT, INTEGER)
+        return open_graph(self._folder / TEXT, INTEGER)
 
     @cached_property
     def _image(self) -> Any:
-        return _session(self._folder / IMAGE, FLOAT)
-
-
-def _session(path: Path, expected: str) -> Any:
-    """Load a graph, ready to run.
-
-    Args:
-        path: File of the graph.
-        expected: Type of its only input.
-
-    Raises:
-        BadSetting: onnxruntime is not installed.
-        BadInput: The file is no such graph.
-    """
-    try:
-        import onnxruntime
-    except ImportError as error:
-        raise BadSetting(f"{path}: running it needs onnxruntime; pip install 'upvl[onnx]'") from error
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = threads()
-    wanted = ("CUDAExecutionProvider", "CPUExecutionProvider")
-    providers = [name for name in wanted if name in onnxruntime.get_available_providers()]
-    try:
-        session = onnxruntime.InferenceSession(str(path), options, providers=providers)
-    except Exception as error:  # onnxruntime's many errors have no class in common
-        raise BadInput(f"{path}: onnxruntime cannot read it ({one_line(error)})") from error
-    types = [argument.type for argument in session.get_inputs()]
-    if types != [expected] or len(session.get_outputs()) != 1:
-        raise BadInput(
-            f"{path}: has inputs {types} and {len(session.get_outputs())} outputs, "
-            f"expected one input {expected} and one output"
-        )
-    return session
+        return open_graph(self._folder / IMAGE, FLOAT)
 
 
 def _run(session: Any, path: Path, values: Array, axes: int) -> Floats:
@@ -200,10 +126,7 @@ def _run(session: Any, path: Path, values: Array, axes: int) -> Floats:
     Raises:
         BadInput: The graph refuses the input, or gives something else.
     """
-    try:
-        (output,) = session.run(None, {session.get_inputs()[0].name: values})
-    except Exception as error:
-        raise BadInput(f"{path}: cannot take an input of shape {values.shape} ({one_line(error)})") from error
+    output = run_graph(session, path, values)
     if output.ndim != axes:
         raise BadInput(f"{path}: gives shape {output.shape}, expected {axes} axes")
     return np.asarray(output, dtype=np.float32)
