@@ -13,7 +13,7 @@ from pathlib import Path
 import torch
 from safetensors.torch import load_file, save_file
 
-from upvl_cli.vlm.mini import FILES, WEIGHTS
+from upvl_cli.vlm.mini import CONCEPTS, FILES, WEIGHTS
 
 
 def main() -> None:
@@ -33,7 +33,8 @@ def main() -> None:
     shutil.copyfile(options.text / "text.safetensors", WEIGHTS / text)
     shutil.copyfile(options.text / "mini_phrases.txt", WEIGHTS / phrases)
     shutil.copyfile(options.text / "mini_tokenizer.json", WEIGHTS / tokenizer)
-    for name in FILES:
+    shutil.copyfile(options.text / CONCEPTS, WEIGHTS / CONCEPTS)
+    for name in (*FILES, CONCEPTS):
         print(f"{name} {(WEIGHTS / name).stat().st_size / 2**20:.2f} MiB")
 
 
