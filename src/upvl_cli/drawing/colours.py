@@ -20,3 +20,14 @@ def track_colour(track_id: int) -> Colour:
     """Return the bright colour that a track has in every picture."""
     red, green, blue = colorsys.hsv_to_rgb((track_id * _HUE_STEP) % 1.0, 0.62, 1.0)
     return round(red * 255), round(green * 255), round(blue * 255)
+
+
+# Saturation and value of classes: with twenty of them hues alone lie too close.
+_CLASS_TONES = ((0.62, 1.0), (0.95, 0.75), (0.3, 0.95))
+
+
+def class_colour(number: int) -> Colour:
+    """Return the colour of a class or word by its place in the list; neighbours differ in hue and in tone."""
+    saturation, value = _CLASS_TONES[number % len(_CLASS_TONES)]
+    red, green, blue = colorsys.hsv_to_rgb((number * _HUE_STEP) % 1.0, saturation, value)
+    return round(red * 255), round(green * 255), round(blue * 255)

@@ -171,7 +171,7 @@ def tracks_of_points(
 ) -> Ints:
     """Return (n,) the track whose box holds each moving point, `NO_TRACK` for the others.
 
-    A point in several boxes belongs to the first of them, which is the one of the highest score.
+    A point in several boxes belongs to the first of them.
 
     Args:
         xyz_m: (n, 3) points, in the axes of the boxes.
