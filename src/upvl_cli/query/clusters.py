@@ -58,9 +58,9 @@ def agglomerate(sums: Floats, count: Ints, max_distance: float, clusters: int | 
         parent[parent == second] = first
         # The mean cosine with any other group is the mean of both, by their sizes.
         share = weight[first] / (weight[first] + weight[second])
-        joined = share * cosine[first] + (1 - share) * cosine[second]
-        joined[first] = -np.inf
-        cosine[first] = cosine[:, first] = joined
+        merged = share * cosine[first] + (1 - share) * cosine[second]
+        merged[first] = -np.inf
+        cosine[first] = cosine[:, first] = merged
         cosine[second] = cosine[:, second] = -np.inf
         weight[first] += weight[second]
     return np.asarray(np.unique(parent, return_inverse=True)[1].reshape(-1))

@@ -24,6 +24,7 @@ from upvl_cli.query.fleet import FleetTracks, fleet_tracks
 from upvl_cli.query.run import check_segments, query_config
 from upvl_cli.query.store import HOW_TO_MAKE, open_store
 from upvl_cli.runtime.atomic import atomic_file
+from upvl_cli.runtime.package_files import package_bytes
 from upvl_cli.stages import classify, mask
 from upvl_cli.types import Bools, Floats, Ints, Model
 
@@ -121,7 +122,7 @@ def fleet_words(workspace: Workspace, basis: Basis) -> FleetWords:
 
 
 def _lines(name: str) -> list[str]:
-    return Path(__file__).with_name(name).read_text(encoding="utf-8").splitlines()
+    return package_bytes("upvl_cli.query", name).decode("utf-8").splitlines()
 
 
 def _embed(model: Model, words: list[str], basis: Basis) -> tuple[tuple[str, ...], Floats]:

@@ -83,7 +83,7 @@ def run(inputs: Inputs, config: SemanticsConfig) -> Iterator[SemanticsRow]:
 
     names = np.array([words[0] for words in config.words])
     poses = inputs.table("odometry", OdometryRow)
-    sweeps = _sweeps(inputs, config)
+    sweeps = _scored_sweeps(inputs, config)
     time_ns = [pose.time_ns for pose in poses]
     time_s = np.array([(time - time_ns[0]) * 1e-9 for time in time_ns])
     parts = fits_by_window(
@@ -109,7 +109,7 @@ def run(inputs: Inputs, config: SemanticsConfig) -> Iterator[SemanticsRow]:
 
 
 @dataclass(frozen=True)
-class _Sweeps:
+class _ScoredSweeps:
     """The sweeps of a drive, and what is known of their points."""
 
     points_of: Callable[[int], Points]
@@ -145,14 +145,14 @@ class _Sweeps:
         )
 
 
-def _sweeps(inputs: Inputs, config: SemanticsConfig) -> _Sweeps:
+def _scored_sweeps(inputs: Inputs, config: SemanticsConfig) -> _ScoredSweeps:
     import numpy as np
 
     from upvl_cli.perception.odometry.compensation import compensated_points
 
     (pca,) = inputs.table("pca", PcaRow)
     words = config.words
-    return _Sweeps(
+    return _ScoredSweeps(
         compensated_points(inputs.drive, inputs.table("odometry", OdometryRow)),
         inputs.table("flow", FlowRow),
         inputs.table("extract-vl", ExtractVlRow),
