@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.cluster.hierarchy import fcluster, linkage
 
-from upvl_cli.query.clusters import agglomerate, cluster, group_near
+from upvl_cli.query.clusters import agglomerate, cluster, group_near, neighbor_distances
 
 
 def kinds(count: list[int], noise: float = 0.02, dim: int = 16) -> tuple[np.ndarray, np.ndarray]:
@@ -40,6 +40,15 @@ def test_groups_first_give_the_same_clusters() -> None:
     fast = cluster(vectors, 0.3, max_groups=20)
     assert same_parts(plain, kind)
     np.testing.assert_array_equal(fast, plain)
+
+
+def test_neighbours_are_those_of_the_plain_way() -> None:
+    vectors, _ = kinds([40, 30])
+    distance = 1 - vectors.astype(float) @ vectors.T + 9 * np.eye(70)
+    np.testing.assert_allclose(neighbor_distances(vectors), distance.min(axis=1), atol=1e-6)
+    many, _ = kinds([2500])
+    assert len(neighbor_distances(many)) == 1000
+    assert [len(neighbor_distances(vectors[:total])) for total in (0, 1, 2)] == [0, 0, 2]
 
 
 def test_what_is_rare_has_a_group_of_its_own() -> None:

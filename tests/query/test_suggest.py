@@ -86,7 +86,9 @@ def test_of_words_that_tie_the_most_general_is_first() -> None:
     )  # fmt: skip
     street = ("vehicle", "car", "sedan", "tree", "bush")  # cosines .966, .985, .996, .5, .17
     words = FleetWords(street, around(15, 10, 5, 60, 80), ("violin",), around(90))
-    settings = SuggestConfig(spread_quantile=0.9, max_groups=10, tie_cosine=0.02, words=3)
+    settings = SuggestConfig(
+        spread_quantile=0.9, neighbor_quantile=0.75, max_groups=10, tie_cosine=0.02, words=3
+    )
     found = suggest(tracks, words, settings, None)
     assert [street[number] for number in found.word[0]] == ["car", "sedan", "vehicle"]
     np.testing.assert_allclose(found.cosine[0], np.cos(np.deg2rad([10, 5, 15])), rtol=1e-6)

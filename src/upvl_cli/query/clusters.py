@@ -7,6 +7,7 @@ import numpy as np
 from upvl_cli.types import Floats, Ints
 
 _REFINEMENTS = 2  # of the groups: they need only be smaller than the clusters
+_SAMPLE, _SAMPLE_ROWS = 1000, 100  # vectors whose neighbours are looked for, and how many at once
 _ROWS = 2**14  # whose dot products with all groups are held at once
 
 
@@ -64,6 +65,24 @@ def agglomerate(sums: Floats, count: Ints, max_distance: float, clusters: int | 
         cosine[second] = cosine[:, second] = -np.inf
         weight[first] += weight[second]
     return np.asarray(np.unique(parent, return_inverse=True)[1].reshape(-1))
+
+
+def neighbor_distances(vectors: Floats) -> Floats:
+    """Return (m,) cosine distances of vectors to the nearest other one; of many vectors a thousand are taken.
+
+    Args:
+        vectors: (n, d) vectors of length 1.
+    """
+    if len(vectors) < 2:
+        return np.zeros(0)
+    chosen = np.unique(np.linspace(0, len(vectors) - 1, min(len(vectors), _SAMPLE)).astype(np.int64))
+    parts = []
+    for begin in range(0, len(chosen), _SAMPLE_ROWS):
+        rows = chosen[begin : begin + _SAMPLE_ROWS]
+        cosine = vectors[rows] @ vectors.T
+        cosine[np.arange(len(rows)), rows] = -np.inf
+        parts.append(1 - cosine.max(axis=1))
+    return np.asarray(np.maximum(np.concatenate(parts), 0))
 
 
 def group_near(vectors: Floats, groups: int) -> Ints:

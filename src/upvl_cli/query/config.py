@@ -13,8 +13,14 @@ class SuggestConfig(Config):
     """Settings of `words --suggest`."""
 
     spread_quantile: float = setting(
-        "quantile over tracks of the mean cosine distance between the boxes of a track and their mean; two clusters "
-        "whose members differ by more than twice that are not merged",
+        "quantile over tracks of the mean cosine distance between the boxes of a track and their mean; clusters merge "
+        "whose members differ by twice that or less",
+        ge=0,
+        le=1,
+    )
+    neighbor_quantile: float = setting(
+        "quantile over tracks of the cosine distance to the most similar other track; clusters merge whose members "
+        "differ by twice that or less",
         ge=0,
         le=1,
     )

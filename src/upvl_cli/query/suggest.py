@@ -18,7 +18,7 @@ from rich.table import Table
 from upvl_cli.errors import BadInput
 from upvl_cli.perception.visual.open_vocabulary import Basis
 from upvl_cli.pipeline.workspace import Workspace
-from upvl_cli.query.clusters import cluster
+from upvl_cli.query.clusters import cluster, neighbor_distances
 from upvl_cli.query.config import QueryConfig, SuggestConfig
 from upvl_cli.query.fleet import FleetTracks, fleet_tracks
 from upvl_cli.query.run import check_segments, query_config
@@ -145,7 +145,7 @@ def suggest(
         clusters: Number of clusters; None merges what differs no more than the views of one object.
     """
     number = cluster(
-        tracks.vector, _max_distance(tracks.spread, config), max_groups=config.max_groups, clusters=clusters
+        tracks.vector, max_distance(tracks, config), max_groups=config.max_groups, clusters=clusters
     )
     order = np.argsort(number, kind="stable")
     _, first = np.unique(number[order], return_index=True)
@@ -167,10 +167,22 @@ def suggest(
     )
 
 
-def _max_distance(spread: Floats, config: SuggestConfig) -> float:
-    """Return the distance up to which clusters are merged: two views that are each so far from their mean."""
-    known = spread[~np.isnan(spread)]
-    return 2 * float(np.quantile(known, config.spread_quantile)) if len(known) else 0.0
+def max_distance(tracks: FleetTracks, config: SuggestConfig) -> float:
+    """Return the mean cosine distance up to which clusters are merged: twice the larger of two measures of the fleet.
+
+    The views of one object lie so far from their mean, and a kind holds at least those; where the car stands they are
+    all alike, and objects differ from their nearest neighbours by more.
+
+    Args:
+        tracks: The tracks.
+        config: Quantiles of both.
+    """
+    spread = tracks.spread[~np.isnan(tracks.spread)]
+    apart = neighbor_distances(tracks.vector)
+    return 2 * max(
+        float(np.quantile(spread, config.spread_quantile)) if len(spread) else 0.0,
+        float(np.quantile(apart, config.neighbor_quantile)) if len(apart) else 0.0,
+    )
 
 
 def _nearest_words(cosines: Floats, config: SuggestConfig) -> Ints:
