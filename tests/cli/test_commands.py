@@ -141,6 +141,17 @@ def test_draw_writes_pictures_and_names_them(copy: Path) -> None:
     assert all((copy / line).read_bytes().startswith(b"\x89PNG") for line in done.stdout.splitlines())
 
 
+def test_points_are_coloured_by_their_fused_class(copy: Path) -> None:
+    assert "semantics" in fails(copy, "draw", "--semantics")
+    assert made(upvl(copy, "semantics")) == ["semantics"]
+    paths = upvl(copy, "draw", "--semantics", "--frame", "3").stdout.split()
+    assert [Path(path).name for path in paths] == [
+        "street-0-000003-semantics-above.png", "street-0-000003-semantics-front.png",
+    ]  # fmt: skip
+    assert all((copy / path).read_bytes().startswith(b"\x89PNG") for path in paths)
+    assert "both --words and --semantics" in fails(copy, "draw", "--semantics", "--words", "car")
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -82,8 +82,10 @@ def test_words_are_compared(folder: Path) -> None:
     assert lines[0].split()[:2] == ["word", "boxes"]
     assert lines[1].split()[:3] == ["fire", "truck", "3"]
     assert "minivan 2, van 1" in lines[1]
-    assert lines[-2].startswith("5 labels with features")
-    assert lines[-1].startswith('mini cannot distinguish "fire truck" from "truck"')
+    assert lines[-4].startswith("5 labels with features")
+    assert lines[-3].startswith('mini cannot distinguish "fire truck" from "truck"')
+    assert lines[-2].startswith('"fire truck" to mini: ')
+    assert lines[-1].startswith('"car" to mini: car 0.9')
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from PIL import Image
 
 from upvl_cli.errors import BadSetting
 from upvl_cli.vlm import MODELS, model_family
-from upvl_cli.vlm.mini import BUDGET_PX, COARSE_SCALE, COARSE_WEIGHT, FILES, MAX_SCALE, WEIGHTS, Mini
+from upvl_cli.vlm.mini import BUDGET_PX, COARSE_SCALE, COARSE_WEIGHT, CONCEPTS, FILES, MAX_SCALE, WEIGHTS, Mini
 from upvl_cli.vlm.mini_text import ATTRACTION, MiniText, normalize, unit
 
 
@@ -157,6 +157,21 @@ def test_norms_folded_into_convolutions_change_nothing(model: Mini) -> None:
     with torch.inference_mode():
         full, quick = plain_network(pixels).numpy(), model._network(pixels).numpy()
     np.testing.assert_allclose(quick, full, atol=1e-3 * np.abs(full).max())
+
+
+def test_concepts_have_a_name_each_in_their_order(model: Mini) -> None:
+    names = (WEIGHTS / CONCEPTS).read_text(encoding="utf-8").splitlines()
+    assert len(names) == len(set(names)) == model.text.concept_cosines(["car"]).shape[1]
+    # The first word of nearly every concept is nearer to it than to any other.
+    own = model.nearest_concepts(names, 1)
+    assert sum(near[0][0] == name for near, name in zip(own, names, strict=True)) >= 0.9 * len(names)
+
+
+def test_a_phrase_has_its_nearest_concepts(model: Mini) -> None:
+    ((first, second), only) = model.nearest_concepts(["a sedan car", "motorway"], 2)
+    assert first[1] >= second[1]
+    assert only[0][0] == "road"
+    assert model.nearest_concepts([], 2) == []
 
 
 @pytest.mark.real

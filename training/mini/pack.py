@@ -19,7 +19,7 @@ from safetensors.torch import load_file, save_file
 from text import as_int8
 
 from upvl_cli.types import Array, Floats
-from upvl_cli.vlm.mini import FILES, WEIGHTS
+from upvl_cli.vlm.mini import CONCEPTS, FILES, WEIGHTS
 from upvl_cli.vlm.mini_text import ATTRACTION, MiniText, unit
 
 
@@ -62,7 +62,8 @@ def main() -> None:
     numpy_file.save_file(with_directions(options.text, np.mean(learned, axis=0)), WEIGHTS / text)
     shutil.copyfile(options.text / "mini_phrases.txt", WEIGHTS / phrases)
     shutil.copyfile(options.text / "mini_tokenizer.json", WEIGHTS / tokenizer)
-    for name in FILES:
+    shutil.copyfile(options.text / CONCEPTS, WEIGHTS / CONCEPTS)
+    for name in (*FILES, CONCEPTS):
         print(f"{name} {(WEIGHTS / name).stat().st_size / 2**20:.2f} MiB")
 
 

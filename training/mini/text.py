@@ -20,6 +20,7 @@ from safetensors.numpy import save_file
 from transformers import AutoModel, AutoTokenizer
 
 from upvl_cli.types import Array, Floats
+from upvl_cli.vlm.mini import CONCEPTS
 from upvl_cli.vlm.mini_text import MiniText, normalize, unit
 
 DIM = 192
@@ -60,6 +61,11 @@ def concept_table(tables: dict[str, Array], phrases: Sequence[str], tokenizer: P
     return {name: value for pair in keys for name, value in zip(pair, means, strict=True)}
 
 
+def concept_names() -> list[str]:
+    """Return the first word of each concept, in the order of `concept_table`: for people to read."""
+    return [one["words"][0] for one in tomllib.loads(WORDS.read_text(encoding="utf-8")).values()]
+
+
 def main() -> None:
     """Make the tables, and print how near the mean of tokens comes to the full model."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -83,6 +89,7 @@ def main() -> None:
     tables |= concept_table(tables, table, options.model / "tokenizer.json")
     save_file(tables, options.out / "text.safetensors")
     (options.out / "mini_phrases.txt").write_text("\n".join(table) + "\n", encoding="utf-8")
+    (options.out / CONCEPTS).write_text("\n".join(concept_names()) + "\n", encoding="utf-8")
     shutil.copy(options.model / "tokenizer.json", options.out / "mini_tokenizer.json")
     text = MiniText(tables, table, options.out / "mini_tokenizer.json")
     alike = [text.embed_tokens(phrase) @ vector for phrase, vector in zip(table, text.vectors, strict=True)]

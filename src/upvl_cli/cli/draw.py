@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from upvl_cli.cli.application import OneFrame, OneSegment, app
+from upvl_cli.errors import BadSetting
 from upvl_cli.pipeline.workspace import Workspace
 
 
@@ -18,19 +19,29 @@ def draw(
     words: Annotated[
         str | None, typer.Option(help='Colour each point by its nearest word: "car, tree, person".')
     ] = None,
+    semantics: Annotated[
+        bool,
+        typer.Option(
+            "--semantics",
+            help="Colour each point by its class, fused over the drive: run upvl semantics first.",
+        ),
+    ] = False,
 ) -> None:
     """Draw points, boxes and tracks from above, and boxes on the camera's picture."""
     from upvl_cli.commands.draw import draw_frame
-    from upvl_cli.commands.draw_words import draw_words, split_words
+    from upvl_cli.commands.draw_words import draw_semantics, draw_words, split_words
 
+    if semantics and words is not None:
+        raise BadSetting("both --words and --semantics are given; points have one colour each: leave one out")
     workspace: Workspace = context.obj
     for name in workspace.segments if segment is None else [segment]:
         workspace.check_name(name, workspace.segments)
-        drawn = (
-            draw_frame(workspace, name, frame)
-            if words is None
-            else draw_words(workspace, name, frame, split_words(words))
-        )
+        if semantics:
+            drawn = draw_semantics(workspace, name, frame)
+        elif words is not None:
+            drawn = draw_words(workspace, name, frame, split_words(words))
+        else:
+            drawn = draw_frame(workspace, name, frame)
         for path in drawn:
             print(path)
 

@@ -132,16 +132,43 @@ def query(
 def words(
     context: typer.Context,
     listed: Annotated[
-        str, typer.Argument(metavar="WORDS", help='The words, separated by commas: "car, fire truck, tram".')
-    ],
+        str | None,
+        typer.Argument(metavar="WORDS", help='The words, separated by commas: "car, fire truck, tram".'),
+    ] = None,
+    suggest: Annotated[
+        bool,
+        typer.Option(
+            "--suggest",
+            help="List what is in the drives without being asked for: clusters of tracks, their nearest words, and "
+            "those that fit no word. Writes out/query/suggest.parquet and suggest-tracks.parquet.",
+        ),
+    ] = False,
+    clusters: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="Number of clusters of --suggest. Without this option clusters are merged that differ by no more "
+            "than the views of one object.",
+        ),
+    ] = None,
     on: On = None,
     segment: Segments = None,
     anyway: Anyway = False,
 ) -> None:
-    """Count the boxes that each word wins, and the words that would win them without it: to choose words."""
+    """Count the boxes that each word wins, and the words that would win them without it; or suggest words."""
     from upvl_cli.query.classes import classes_from_phrases
+    from upvl_cli.query.suggest import suggest_words
     from upvl_cli.query.words import compare_words
 
+    if suggest and listed is not None:
+        raise BadSetting("both WORDS and --suggest are given; --suggest asks for none: leave one out")
+    if suggest:
+        _print(suggest_words(context.obj, on, segment or (), clusters))
+        return
+    if clusters is not None:
+        raise BadSetting("--clusters is given without --suggest; add --suggest, or leave it out")
+    if listed is None:
+        raise BadSetting('no word is given; name some: upvl words "car, truck", or ask: upvl words --suggest')
     classes = classes_from_phrases([listed])
     _print(compare_words(context.obj, classes, on, segment or (), check_spelling=not anyway))
 

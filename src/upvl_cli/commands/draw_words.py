@@ -1,4 +1,4 @@
-"""Draw each point of a frame in the color of its nearest word, from the shards."""
+"""Draw each point of a frame in the colour of its nearest word, or of its class, from the shards."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from upvl_cli.perception.visual.pixel_features import move_to_image_time
 from upvl_cli.perception.visual.views import SEEN
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.stages import extract_vl
-from upvl_cli.stages.rows import ExtractVlRow, FlowRow, OdometryRow, PcaRow
+from upvl_cli.stages.rows import ExtractVlRow, FlowRow, OdometryRow, PcaRow, SemanticsRow
+from upvl_cli.types import Ints
 
 
 def split_words(text: str) -> list[str]:
@@ -48,12 +49,48 @@ def draw_words(workspace: Workspace, segment: str, frame: int | None, words: Seq
     features = workspace.table("extract-vl", ExtractVlRow, segment)
     frame = chosen_frame(features, segment, frame)
     (pca,) = workspace.table("pca", PcaRow)
-    drive, row = workspace.drive(segment), features[frame]
-    xyz = drive.points(frame).xyz_ego_m
-    word = np.full(len(xyz), NO_WORD)
+    row = features[frame]
+    word = np.full(len(row.state), NO_WORD)
     cosines = pca.basis.cosines(row.feature, workspace.model.embed_text(words))
     word[row.state == SEEN] = cosines.argmax(axis=1)
-    stem = workspace.out / "draw" / f"{segment}-{frame:06d}-words"
+    yield from _draw_points(workspace, segment, row, word, words, "words")
+
+
+def draw_semantics(workspace: Workspace, segment: str, frame: int | None) -> Iterator[Path]:
+    """Draw one frame with each point in the colour of its class, as `semantics` fused it; yields the files.
+
+    Args:
+        workspace: Holds the classes; the files are written into its `out/draw`.
+        segment: Name of the drive.
+        frame: Index of the frame; None takes the middle one.
+
+    Raises:
+        BadSetting: The drive has no such frame.
+        NotMade: It has no classes yet.
+    """
+    classes = workspace.table("semantics", SemanticsRow, segment)
+    frame = chosen_frame(classes, segment, frame)
+    row = classes[frame]
+    seen = workspace.table("extract-vl", ExtractVlRow, segment)[frame]
+    yield from _draw_points(workspace, segment, seen, row.class_index, row.class_name.tolist(), "semantics")
+
+
+def _draw_points(
+    workspace: Workspace, segment: str, row: ExtractVlRow, word: Ints, words: Sequence[str], suffix: str
+) -> Iterator[Path]:
+    """Draw the points of a frame from above, and those that a camera sees on its picture.
+
+    Args:
+        workspace: Holds the drive, its poses and its flow.
+        segment: Name of the drive.
+        row: Which camera sees each point of the frame.
+        word: (n,) place in `words` of each point, `NO_WORD` for none.
+        words: The words.
+        suffix: Part of the names of the files.
+    """
+    drive, frame = workspace.drive(segment), row.frame
+    xyz = drive.points(frame).xyz_ego_m
+    stem = workspace.out / "draw" / f"{segment}-{frame:06d}-{suffix}"
     yield save(words_above(VIEW, xyz, word, words), stem.with_name(f"{stem.name}-above.png"))
     poses = list(workspace.table("odometry", OdometryRow, segment))
     times_ns = [pose.time_ns for pose in poses]

@@ -26,8 +26,8 @@ def words_above(view: View, xyz_ego_m: Array, word: Ints, words: Sequence[str]) 
     """
     canvas = np.full((*view.size_px[::-1], 3), colours.BACKGROUND, np.uint8)
     low_first = np.argsort(xyz_ego_m[:, 2], kind="stable")
-    _dots(canvas, view.pixels(xyz_ego_m[low_first, :2]), _colour(word[low_first]), 1)
-    return _with_legend(Image.fromarray(canvas), words)
+    _dots(canvas, view.pixels(xyz_ego_m[low_first, :2]), _colour(word[low_first], words), 1)
+    return _with_legend(Image.fromarray(canvas), word, words)
 
 
 def words_in_view(rgb: Array, uv_px: Floats, word: Ints, words: Sequence[str]) -> Image.Image:
@@ -40,15 +40,13 @@ def words_in_view(rgb: Array, uv_px: Floats, word: Ints, words: Sequence[str]) -
         words: The words.
     """
     canvas = np.asarray(rgb) // 2  # darker, so that the colours of the dots are told from its own
-    _dots(canvas, uv_px + 0.5, _colour(word), DOT_PX)
-    return _with_legend(Image.fromarray(canvas), words)
+    _dots(canvas, uv_px + 0.5, _colour(word, words), DOT_PX)
+    return _with_legend(Image.fromarray(canvas), word, words)
 
 
-def _colour(word: Ints) -> Array:
-    table = np.array(
-        [*(colours.track_colour(place) for place in range(int(word.max(initial=0)) + 1)), colours.GROUND]
-    )
-    return table[word].astype(np.uint8)  # the last entry is that of NO_WORD = -1
+def _colour(word: Ints, words: Sequence[str]) -> Array:
+    palette = [*(colours.class_colour(place, name) for place, name in enumerate(words)), colours.GROUND]
+    return np.array(palette)[word].astype(np.uint8)  # the last entry is that of NO_WORD = -1
 
 
 def _dots(canvas: Array, pixels: Array, colour: Array, size_px: int) -> None:
@@ -59,11 +57,13 @@ def _dots(canvas: Array, pixels: Array, colour: Array, size_px: int) -> None:
             canvas[rows[inside], columns[inside]] = colour[inside]
 
 
-def _with_legend(image: Image.Image, words: Sequence[str]) -> Image.Image:
+def _with_legend(image: Image.Image, word: Ints, words: Sequence[str]) -> Image.Image:
+    """Write the words that a point has; a list of twenty does not fit beside a low picture."""
     draw = ImageDraw.Draw(image)
     font = ImageFont.load_default(14)
-    for place, word in enumerate(words):
-        top = 6 + 18 * place
-        draw.rectangle((6, top, 18, top + 12), fill=colours.track_colour(place))
-        draw.text((24, top - 2), word, fill=colours.TEXT, font=font)
+    present = np.unique(word[word != NO_WORD]).tolist()
+    for line, place in enumerate(present):
+        top = 6 + 18 * line
+        draw.rectangle((6, top, 18, top + 12), fill=colours.class_colour(place, words[place]))
+        draw.text((24, top - 2), words[place], fill=colours.TEXT, font=font)
     return image

@@ -5,7 +5,37 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from upvl_cli.config.base import Config, setting
+from upvl_cli.config.base import Config, setting, table
+
+
+@dataclass(frozen=True)
+class SuggestConfig(Config):
+    """Settings of `words --suggest`."""
+
+    spread_quantile: float = setting(
+        "quantile over tracks of the mean cosine distance between the boxes of a track and their mean; clusters merge "
+        "whose members differ by twice that or less",
+        ge=0,
+        le=1,
+    )
+    neighbor_quantile: float = setting(
+        "quantile over tracks of the cosine distance to the most similar other track; clusters merge whose members "
+        "differ by twice that or less",
+        ge=0,
+        le=1,
+    )
+    max_groups: int = setting(
+        "number of groups of similar tracks that are clustered; with fewer tracks each is a group of its own",
+        ge=2,
+        le=2000,
+    )
+    tie_cosine: float = setting(
+        "words whose cosine is lower than the highest by no more than this are equally near, and the first of the "
+        "list, which is the most general, is shown first",
+        ge=0,
+        le=1,
+    )
+    words: int = setting("number of nearest words shown of each cluster", ge=1, le=100)
 
 
 @dataclass(frozen=True)
@@ -45,3 +75,4 @@ class QueryConfig(Config):
     )
     moving_mps: float = setting("minimum speed of a moving object", "m/s", ge=0.001, le=200)
     sheet_objects: int = setting("number of objects in the picture of the best hits", ge=1, le=1000)
+    suggest: SuggestConfig = table("How clusters of a fleet are made and named.")

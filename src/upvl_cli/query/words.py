@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,8 +19,10 @@ from upvl_cli.query.run import check_segments, query_config
 from upvl_cli.query.store import Store, open_store
 from upvl_cli.query.vocabulary import Vocabulary, build_vocabulary
 from upvl_cli.query.votes import vote
-from upvl_cli.types import Array, Ints
+from upvl_cli.types import Array, Ints, Model
+from upvl_cli.vlm.base import Explainer
 
+CONCEPTS = 3  # shown of each word
 BINS = 10
 BARS = " ▁▂▃▄▅▆▇█"
 NO_WORD = -1
@@ -111,6 +113,15 @@ def compare_words(
         "the votes times confidence), from 0 to 1; (-) competes, and is not asked for"
     )
     yield from ambiguity_notes(vocabulary, workspace.model.name)
+    yield from concept_notes(workspace.model, classes.all_words)
+
+
+def concept_notes(model: Model, words: Sequence[str]) -> Iterator[str]:
+    """Yield one line for each word: the nearest concepts that the pixels of the model were taught, if it can tell."""
+    if isinstance(model, Explainer):
+        for word, near in zip(words, model.nearest_concepts(words, CONCEPTS), strict=True):
+            named = ", ".join(f"{name} {cosine:.2f}" for name, cosine in near)
+            yield f'"{word}" to {model.name}: {named}'
 
 
 def _table(vocabulary: Vocabulary, statistics: WordStatistics) -> Table:

@@ -17,6 +17,7 @@ from upvl_cli.stages import (
     pca,
     pool_features,
     propose,
+    semantics,
     track,
     train,
 )
@@ -35,6 +36,7 @@ STAGES: tuple[AnyStage, ...] = (
     classify.STAGE,
     labels.STAGE,
     pool_features.STAGE,
+    semantics.STAGE,
     train.STAGE,
     detect.STAGE,
 )

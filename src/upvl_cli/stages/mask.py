@@ -161,7 +161,8 @@ def _parts(
     """Yield each frame with what completes it: the places and shapes of the seconds around it."""
     import numpy as np
 
-    from upvl_cli.perception.background.completion import CompletionEvidence, completions
+    from upvl_cli.perception.background.completion import CompletionEvidence
+    from upvl_cli.perception.windows import fits_by_window
     from upvl_cli.runtime.parallel import in_order
 
     poses = inputs.table("odometry", OdometryRow)
@@ -172,7 +173,7 @@ def _parts(
     time_s = np.array([(time - time_ns[0]) * 1e-9 for time in time_ns])
     seen = in_order(sweeps.background_above_ground, poses)
     frames = iter(poses)
-    for part, completion in completions(
+    for part, completion in fits_by_window(
         time_s,
         seen,
         config.window_s,

@@ -263,6 +263,24 @@ class LabelRow(AmodalRow):
 
 
 @dataclass(frozen=True)
+class SemanticsRow(Row):
+    """Classes of the points of one sweep, in the order of its points."""
+
+    class_name: Array = column("string", "names of the classes", per="class")
+    class_index: Array = column(
+        "int8",
+        "place of the class of the point in class_name, -1 where no camera saw its place or its track",
+        per="point",
+    )
+    num_frames: Array = column(
+        "int16", "frames in which a camera saw its place or its track, 0 for none", per="point"
+    )
+    margin: Array = column(
+        "float16", "lead of the mean cosine of the class over that of the next one", per="point"
+    )
+
+
+@dataclass(frozen=True)
 class ObjectSummaryRow(ScoredBoxRow):
     """Boxes of one frame, each with the mean vision-language feature of its points: what filters and rankings read."""
 

@@ -19,6 +19,19 @@ class Speller(Protocol):
         """Return each word of the phrases that is likely misspelt, with its likely spelling, or ""."""
 
 
+@runtime_checkable
+class Explainer(Protocol):
+    """A model whose pixels were taught a list of concepts, and that can say how near a phrase is to them."""
+
+    def nearest_concepts(self, phrases: Sequence[str], count: int) -> list[list[tuple[str, float]]]:
+        """Return, for each phrase, the names of the nearest concepts and their cosines, nearest first.
+
+        Args:
+            phrases: Phrases in any words.
+            count: How many concepts to return for each, at most.
+        """
+
+
 @dataclass(frozen=True)
 class ModelFamily:
     """How one family of models is opened.

@@ -34,6 +34,9 @@ BUDGET_PX, MAX_SCALE = 480_000, 1.25
 COARSE_SCALE, COARSE_WEIGHT = 0.625, 0.5
 FILES = ("mini_image.safetensors", "mini_text.safetensors", "mini_phrases.txt", "mini_tokenizer.json")
 
+# Names of the concepts that pixels were taught, a line each: for people to read, so that no vector depends on them.
+CONCEPTS = "mini_concepts.txt"
+
 
 def files(weights: str) -> tuple[Path, ...]:
     """Return the files that make the model.
@@ -73,6 +76,16 @@ class Mini:
     def unknown_words(self, phrases: Sequence[str]) -> list[tuple[str, str]]:
         """Return words that are in no table (a `Speller`)."""
         return self.text.unknown_words(phrases)
+
+    def nearest_concepts(self, phrases: Sequence[str], count: int) -> list[list[tuple[str, float]]]:
+        """Return, for each phrase, the names and cosines of the nearest concepts (an `Explainer`)."""
+        names = (WEIGHTS / CONCEPTS).read_text(encoding="utf-8").splitlines()
+        cosines = self.text.concept_cosines(phrases)
+        nearest = np.argsort(-cosines, axis=1, kind="stable")[:, :count]
+        return [
+            [(names[number], float(row[number])) for number in order.tolist()]
+            for order, row in zip(nearest, cosines, strict=True)
+        ]
 
     def embed_image(self, rgb: Array) -> Floats:
         """Return (h', w', d) features of length 1; small pictures are looked at a second time, mirrored and reduced."""

@@ -86,6 +86,10 @@ class MiniText:
         rows = [self._vector(normalize(word)) for word in words]
         return np.array(rows, dtype=np.float32).reshape(-1, self._tokens.shape[1])
 
+    def concept_cosines(self, phrases: Sequence[str]) -> Floats:
+        """Return (t, k) cosines of phrases, not attracted, with the concepts."""
+        return np.asarray(self.embed_plain(phrases) @ self.concepts.T)
+
     def _vector(self, phrase: str) -> Floats:
         place = self._place.get(phrase)
         return self.vectors[place] if place is not None else self.embed_tokens(phrase)

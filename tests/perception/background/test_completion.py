@@ -13,10 +13,10 @@ from upvl_cli.perception.background.completion import (
     BackgroundCompletion,
     CompletionEvidence,
     SweepBackground,
-    completions,
 )
 from upvl_cli.perception.background.masks import UNKNOWN
 from upvl_cli.perception.background.shape_classifier import ShapeFeatures, compute_shape_features
+from upvl_cli.perception.windows import fits_by_window
 from upvl_cli.stages.mask import MaskConfig
 
 CONFIG = load(MaskConfig, Path(__file__).parents[3] / "stages" / "mask.toml")
@@ -135,7 +135,7 @@ def test_a_long_drive_is_completed_by_the_seconds_around_each_sweep() -> None:
             taken += 1
             yield spots(step, step % 2)
 
-    for part, found in completions(
+    for part, found in fits_by_window(
         time_s, sweeps(), 20.0, lambda: CompletionEvidence(CONFIG.place_memory, CONFIG.shape_classifier)
     ):
         assert taken <= part[0] + 21, "no sweep is taken before it is needed"
@@ -154,13 +154,13 @@ def test_a_long_drive_is_completed_by_the_seconds_around_each_sweep() -> None:
 
 def test_a_short_drive_is_one_window() -> None:
     seen = [spots(step, 1) for step in range(21)]
-    ((part, found),) = completions(
+    ((part, found),) = fits_by_window(
         np.arange(21.0), seen, 20.0, lambda: CompletionEvidence(CONFIG.place_memory, CONFIG.shape_classifier)
     )
     assert part == range(21)
     assert (found.complete(seen[0]) != UNKNOWN).sum() == 21
     assert not list(
-        completions(
+        fits_by_window(
             np.zeros(0), [], 20.0, lambda: CompletionEvidence(CONFIG.place_memory, CONFIG.shape_classifier)
         )
     )

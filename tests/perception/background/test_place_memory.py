@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from upvl_cli.config.toml import load
-from upvl_cli.perception.background import place_memory
+from upvl_cli.perception import voxels as voxel_grid
 from upvl_cli.perception.background.masks import UNKNOWN
 from upvl_cli.perception.background.place_memory import PlaceMemory, PlaceSums
 from upvl_cli.perception.voxels import voxelize
@@ -76,7 +76,7 @@ def test_sums_are_those_of_all_sweeps_at_once_to_the_bit(
     fewest: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The plain way keeps the voxels of every sweep; places far from the origin, as in a map's axes."""
-    monkeypatch.setattr(place_memory, "_FEWEST_TO_MERGE", fewest)
+    monkeypatch.setattr(voxel_grid, "_FEWEST_TO_MERGE", fewest)
     rng = np.random.default_rng(0)
     sweeps = [
         (rng.uniform(0, 3, (200, 3)) + [4.0e5 + number / 9, 5.6e6, -3], rng.random(200) < 0.6)
@@ -98,9 +98,9 @@ def test_sums_are_those_of_all_sweeps_at_once_to_the_bit(
 
 
 def test_the_sums_are_as_large_as_the_places_and_not_as_the_sweeps(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(place_memory, "_FEWEST_TO_MERGE", 1)
+    monkeypatch.setattr(voxel_grid, "_FEWEST_TO_MERGE", 1)
     sums = PlaceSums(CONFIG)
     for _ in range(100):
         sums.add(WALL, np.ones(len(WALL), bool))
     places = fitted([(WALL, np.ones(len(WALL), bool))]).tree.n
-    assert sum(len(cells) for cells, _ in sums._parts) <= 3 * places
+    assert sum(len(cells) for cells, _ in sums._background._parts) <= 3 * places

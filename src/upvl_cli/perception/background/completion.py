@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +10,6 @@ from upvl_cli.perception.background.config import PlaceMemoryConfig, ShapeClassi
 from upvl_cli.perception.background.masks import UNKNOWN
 from upvl_cli.perception.background.place_memory import PlaceMemory, PlaceSums
 from upvl_cli.perception.background.shape_classifier import ShapeClassifier, ShapeFeatures, training_samples
-from upvl_cli.perception.windows import overlapping_windows
 from upvl_cli.types import Array, Bools, Floats, Ints
 
 
@@ -80,35 +78,3 @@ class BackgroundCompletion:
             unseen = unseen[state[unseen] == UNKNOWN]
             state[unseen] = self.classifier.classify(sweep.shape)[unseen]
         return state
-
-
-def completions(
-    time_s: Floats,
-    sweeps: Iterable[SweepBackground],
-    window_s: float,
-    empty: Callable[[], CompletionEvidence],
-) -> Iterator[tuple[range, BackgroundCompletion]]:
-    """Yield the sweeps of a drive, part after part, with what completes them: fitted to a window of time around.
-
-    The evidence of three windows at most is held: they overlap by half or a little more.
-
-    Args:
-        time_s: (T,) ascending time of each sweep.
-        sweeps: T sweeps; taken only as far ahead as the window of the next part reaches.
-        window_s: Length of a window.
-        empty: Gives evidence without any sweep.
-    """
-    windows = overlapping_windows(time_s, window_s)
-    evidence: dict[int, CompletionEvidence] = {}
-    coming, taken = iter(sweeps), 0
-    for number, window in enumerate(windows):
-        evidence.setdefault(number, empty())
-        while taken < window.learned.stop:
-            sweep = next(coming)
-            for later in range(number, len(windows)):
-                if windows[later].learned.start > taken:
-                    break
-                if taken in windows[later].learned:
-                    evidence.setdefault(later, empty()).add(sweep)
-            taken += 1
-        yield window.served, evidence.pop(number).fit()

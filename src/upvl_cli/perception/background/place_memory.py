@@ -13,10 +13,8 @@ from scipy.spatial import cKDTree
 
 from upvl_cli.perception.background.config import PlaceMemoryConfig
 from upvl_cli.perception.background.masks import UNKNOWN
-from upvl_cli.perception.voxels import number_in_order, row_keys, voxelize
+from upvl_cli.perception.voxels import VoxelSums
 from upvl_cli.types import Bools, Floats, Ints
-
-_FEWEST_TO_MERGE = 2**16  # places: a few megabytes
 
 
 @dataclass(frozen=True)
@@ -57,9 +55,7 @@ class PlaceSums:
             config: Size of a place, and when it is background.
         """
         self._config = config
-        # Of each place its voxel, and the sums of x, y, z, sweeps, points, and points of background. The places of
-        # the last sweeps wait in `_parts[1:]` until they are as many as all before them.
-        self._parts: list[tuple[Ints, Floats]] = [(np.zeros((0, 3), np.int64), np.zeros((0, 6)))]
+        self._background = VoxelSums(config.voxel_m, columns=1)
 
     def add(self, xyz_world_m: Floats, is_background: Bools) -> None:
         """Add a sweep.
@@ -68,28 +64,10 @@ class PlaceSums:
             xyz_world_m: (n, 3) static points in world axes whose state is known.
             is_background: (n,) whether each is background.
         """
-        voxels = voxelize(xyz_world_m, voxel_m=self._config.voxel_m)
-        centroid, total = voxels.centroid.reshape(-1, 3), len(voxels.weight)
-        background = np.bincount(voxels.of_point, is_background, total)
-        cell = np.floor(centroid / self._config.voxel_m).astype(np.int64)
-        self._parts.append((cell, np.column_stack([centroid, np.ones(total), voxels.weight, background])))
-        if sum(len(cells) for cells, _ in self._parts[1:]) > max(len(self._parts[0][0]), _FEWEST_TO_MERGE):
-            self._merge()
+        self._background.add(xyz_world_m, is_background[:, None])
 
     def memory(self) -> PlaceMemory:
         """Return the memory of the sweeps so far."""
-        self._merge()
-        sums = self._parts[0][1]
-        centroid = sums[:, :3] / np.maximum(sums[:, 3], 1)[:, None]
-        return PlaceMemory(cKDTree(centroid), sums[:, 5] / np.maximum(sums[:, 4], 1), self._config)
-
-    def _merge(self) -> None:
-        cell: Ints = np.concatenate([cells for cells, _ in self._parts])
-        sums: Floats = np.concatenate([part for _, part in self._parts])
-        number = number_in_order(row_keys(cell))
-        total = int(number.max(initial=-1)) + 1
-        # Added up in the order of the sweeps: the same bits whenever it is done.
-        merged: Floats = np.stack([np.bincount(number, column, total) for column in sums.T], axis=1)
-        first = np.zeros(total, dtype=np.int64)
-        first[number[::-1]] = np.arange(len(number))[::-1]
-        self._parts = [(cell[first], merged)]
+        places = self._background.totals()
+        share = places.values[:, 0] / np.maximum(places.weight, 1)
+        return PlaceMemory(cKDTree(places.centroid_m), share, self._config)

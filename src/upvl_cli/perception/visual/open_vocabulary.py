@@ -67,6 +67,33 @@ class Basis:
         square = 2 * dot[:, -1] - self.mean @ self.mean + np.einsum("nk,nk->n", steps, steps)
         return np.asarray(dot[:, :-1] / np.sqrt(np.maximum(square, 1e-12))[:, None], dtype=np.float32)
 
+    def compact(self, values: Floats) -> Floats:
+        """Return (n, COMPONENTS + 1) vectors of length 1 whose dot products are the cosines of the full features.
+
+        With the mean split into its part W m along the axes and the rest r, the feature m + W^T z has the coordinates
+        (W m + z, |r|) along the axes and r, in which angles are those of the full space.
+
+        Args:
+            values: (n, COMPONENTS) values z.
+        """
+        rest = float(np.linalg.norm(self._mean_rest))
+        full = np.column_stack([values + self.components @ self.mean, np.full(len(values), rest)])
+        return np.asarray(full / np.maximum(np.linalg.norm(full, axis=1, keepdims=True), 1e-9), np.float32)
+
+    def compact_words(self, words: Floats) -> Floats:
+        """Return (t, COMPONENTS + 1) vectors whose dot products with those of `compact` are cosines with words.
+
+        Args:
+            words: (t, d) vectors of length 1.
+        """
+        rest = self._mean_rest
+        along_rest = words @ rest / max(float(np.linalg.norm(rest)), 1e-9)
+        return np.asarray(np.column_stack([words @ self.components.T, along_rest]), np.float32)
+
+    @property
+    def _mean_rest(self) -> Floats:
+        return np.asarray(self.mean - self.components.T @ (self.components @ self.mean))
+
 
 def fit(batches: Iterable[Floats], dim: int) -> Basis:
     """Fit the principal axes of features, batch by batch.

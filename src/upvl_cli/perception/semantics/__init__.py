@@ -1,0 +1,1 @@
+"""The class of every point of a drive, by words."""
