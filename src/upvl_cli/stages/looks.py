@@ -45,7 +45,7 @@ def _look(inputs: Inputs, config: LooksConfig) -> TrackLooks:
     """Choose by points alone; then open each picture that shows a chosen object, once."""
     import numpy as np
 
-    from upvl_cli.perception.labels.looks import Sightings, choose_looks, pool_looks
+    from upvl_cli.perception.labels.looks import LookCandidates, choose_looks, pool_looks
     from upvl_cli.perception.labels.track_views import TrackViews
     from upvl_cli.perception.visual.pixel_source import PixelSource
     from upvl_cli.runtime.parallel import in_order
@@ -61,8 +61,8 @@ def _look(inputs: Inputs, config: LooksConfig) -> TrackLooks:
         config.crop,
     )
     every = concat(
-        list(in_order(lambda step: views.sightings(step, objects_of(poses[step].frame)), range(len(poses)))),
-        Sightings,
+        list(in_order(lambda step: views.candidates(step, objects_of(poses[step].frame)), range(len(poses)))),
+        LookCandidates,
     )
     chosen = choose_looks(every, config.choice)
 
@@ -81,9 +81,9 @@ def _look(inputs: Inputs, config: LooksConfig) -> TrackLooks:
 
     steps = np.unique(every.step[chosen]).tolist()
     looks = [each for found in in_order(look, steps) for each in found]
-    inputs.count("sightings", len(every))
+    inputs.count("candidates", len(every))
     inputs.count("looks", len(looks))
-    number = np.array([each.sighting for each in looks], dtype=np.int64)
+    number = np.array([each.candidate for each in looks], dtype=np.int64)
     return pool_looks(
         every.track_id[number],
         np.array([each.vector for each in looks]).reshape(-1, len(pca.mean)),

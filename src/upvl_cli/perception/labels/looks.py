@@ -13,7 +13,7 @@ from upvl_cli.types import Array, Floats, Ints, ParallelArrays, array
 
 
 @dataclass(frozen=True)
-class Sightings(ParallelArrays):
+class LookCandidates(ParallelArrays):
     """Objects in pictures: one item for each box and each camera that sees points of it.
 
     Attributes:
@@ -42,25 +42,25 @@ class Sightings(ParallelArrays):
         return np.asarray(self.area_px * self.seen_share)
 
 
-def choose_looks(sightings: Sightings, config: LookChoiceConfig) -> Ints:
-    """Return the best sightings of each track, ascending.
+def choose_looks(candidates: LookCandidates, config: LookChoiceConfig) -> Ints:
+    """Return the best candidates of each track, ascending.
 
     The best one is taken first, and any other only where it is not nearly the same picture: at least a time apart from
     all taken ones of its camera. Of equals the earlier item wins.
 
     Args:
-        sightings: n of them.
+        candidates: n of them.
         config: How many, how far apart, how large.
     """
-    large = np.flatnonzero(sightings.size_px >= config.min_px)
-    order = large[np.lexsort((large, -sightings.quality[large], sightings.track_id[large]))]
+    large = np.flatnonzero(candidates.size_px >= config.min_px)
+    order = large[np.lexsort((large, -candidates.quality[large], candidates.track_id[large]))]
     chosen: list[int] = []
     taken: list[int] = []  # of the present track
     for index in order.tolist():
-        if taken and sightings.track_id[taken[0]] != sightings.track_id[index]:
+        if taken and candidates.track_id[taken[0]] != candidates.track_id[index]:
             chosen, taken = chosen + taken, []
-        same = [each for each in taken if sightings.camera[each] == sightings.camera[index]]
-        gap_s = np.abs(sightings.time_s[same] - sightings.time_s[index])
+        same = [each for each in taken if candidates.camera[each] == candidates.camera[index]]
+        gap_s = np.abs(candidates.time_s[same] - candidates.time_s[index])
         if len(taken) < config.looks_per_track and (gap_s >= config.min_gap_s).all():
             taken.append(index)
     return np.sort(np.array(chosen + taken, dtype=np.int64))

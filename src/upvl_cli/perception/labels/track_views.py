@@ -11,7 +11,7 @@ from upvl_cli.geometry.boxes import corners, pairs_inside
 from upvl_cli.geometry.camera import project
 from upvl_cli.perception.labels.config import LookCropConfig
 from upvl_cli.perception.labels.look_crops import cut, look, object_rectangle
-from upvl_cli.perception.labels.looks import Sightings, sharpness
+from upvl_cli.perception.labels.looks import LookCandidates, sharpness
 from upvl_cli.perception.visual.pixel_features import move_to_image_time
 from upvl_cli.perception.visual.views import SEEN
 from upvl_cli.types import Array, Boxes, Camera, Floats, Image, Ints, concat
@@ -51,12 +51,12 @@ class ObjectLook(NamedTuple):
     """One look.
 
     Attributes:
-        sighting: Number of the sighting that it is a look at.
+        candidate: Number of the candidate that it is a look at.
         vector: (d,) feature of the object, of length 1.
         sharpness: `looks.sharpness` of the part of the picture.
     """
 
-    sighting: int
+    candidate: int
     vector: Floats
     sharpness: float
 
@@ -84,7 +84,7 @@ class TrackViews:
         self._poses = np.asarray(world_from_ego, dtype=np.float64).reshape(-1, 4, 4)
         self._config = config
 
-    def sightings(self, step: int, objects: FrameObjects) -> Sightings:
+    def candidates(self, step: int, objects: FrameObjects) -> LookCandidates:
         """Return which cameras see which labels of a frame; pictures are taken to be of the time of the frame.
 
         Args:
@@ -108,7 +108,7 @@ class TrackViews:
             rectangle = np.array(parts)
             size_px = rectangle[:, 2:] - rectangle[:, :2]
             found.append(
-                Sightings(
+                LookCandidates(
                     step=np.full(len(own), step),
                     time_s=np.full(len(own), self._times_ns[step] * 1e-9),
                     camera=np.full(len(own), number),
@@ -119,12 +119,12 @@ class TrackViews:
                     seen_share=count / total[own],
                 )
             )
-        return concat(found, Sightings)
+        return concat(found, LookCandidates)
 
     def looks(
         self,
         objects: FrameObjects,
-        sightings: Sightings,
+        candidates: LookCandidates,
         numbers: Ints,
         image: Image,
         given_px: Floats | None,
@@ -134,18 +134,18 @@ class TrackViews:
 
         Args:
             objects: The labels of its frame.
-            sightings: Those of the whole drive.
+            candidates: Those of the whole drive.
             numbers: (k,) which of them are of this frame and camera.
             image: The picture.
             given_px: (n, 2) pixels of the sweep's points in it where the data set gives them.
             embed: Gives (h', w', d) features of an (h, w, 3) picture.
         """
         box, point = objects.own_points()
-        step, number = int(sightings.step[numbers[0]]), int(sightings.camera[numbers[0]])
+        step, number = int(candidates.step[numbers[0]]), int(candidates.camera[numbers[0]])
         camera, corners_m, found = self.cameras[number], corners(objects.boxes), []
         is_seen = (objects.state[point] == SEEN) & (objects.camera[point] == number)
         for index in numbers.tolist():
-            row = int(sightings.box[index])
+            row = int(candidates.box[index])
             own = point[is_seen & (box == row)]
             own = own[:: -(-len(own) // MAX_POINTS)]
             shown_m = np.concatenate([objects.xyz_m[own], corners_m[row]])
