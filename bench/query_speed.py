@@ -144,6 +144,8 @@ def _rows(segment: str, seed: int, points: int, codes: np.ndarray) -> Iterator[O
                 np.clip(np.repeat(pooled, points, axis=0) + noise, -127, 127), np.full(BOXES, points)
             ),
             pooled=pooled,
+            num_looks=np.ones(BOXES, np.int32),
+            look_feature=pooled,
         )
 
 

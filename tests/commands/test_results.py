@@ -12,7 +12,7 @@ import pytest
 import upvl_cli as upvl
 from upvl_cli.errors import BadSetting, NotMade
 from upvl_cli.pipeline.tables import write
-from upvl_cli.stages.rows import FlowRow, LabelRow, ObjectRow, TrackRow
+from upvl_cli.stages.rows import FlowRow, LabelRow, ObjectRow, TrackRow, without_looks
 from upvl_cli.types import Ragged
 
 # Of each drive the boxes of its two frames: their class and length.
@@ -51,6 +51,10 @@ def label_row(segment: str, frame: int, boxes: list[tuple[str, float]]) -> Label
         word=np.array(["car"] * n, dtype=str),
         class_share=np.ones(n),
         is_moving=np.zeros(n, bool),
+        num_looks=np.zeros(n, np.int32),
+        look_word=np.full((n, 3), "", dtype=str),
+        look_share=np.zeros((n, 3)),
+        words_agree=np.ones(n, bool),
     )
 
 
@@ -87,7 +91,7 @@ def test_detections_come_without_the_features_of_their_points(out: Path) -> None
     row = ObjectRow(
         "drive-a", 0, time_ns=5, **box_columns(boxes), score=np.array([0.75]), track_id=np.array([-1]),
         num_features=np.array([2]), pooled=np.zeros((1, 64), np.int8),
-        point_feature=Ragged(np.zeros((2, 64), np.int8), np.array([2])),
+        point_feature=Ragged(np.zeros((2, 64), np.int8), np.array([2])), **without_looks(1),
     )  # fmt: skip
     write(out / "detect/drive-a.parquet", ObjectRow, [row], stamp="{}", counts={})
     table = upvl.open(out).detections()

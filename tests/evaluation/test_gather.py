@@ -45,6 +45,10 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Workspace:
             type=np.array([kinds[track] for track in ids], dtype=np.int8),
             word=np.array(["thing"] * len(ids), dtype=str),
             share=np.ones(len(ids), dtype=np.float32),
+            num_looks=np.zeros(len(ids), dtype=np.int32),
+            look_word=np.full((len(ids), 3), "", dtype=str),
+            look_share=np.zeros((len(ids), 3)),
+            words_agree=np.ones(len(ids), dtype=bool),
         )
         for frame, ids in tracks.items()
     ]

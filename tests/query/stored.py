@@ -52,6 +52,7 @@ class Thing:
         track: Its number, -1 for none.
         score: Confidence.
         frames: Where it is.
+        look: Word that the looks at it are along; empty for none.
     """
 
     words: dict[str, int]
@@ -62,6 +63,7 @@ class Thing:
     track: int = -1
     score: float = 1.0
     frames: tuple[int, ...] = field(default=(0,))
+    look: str = ""
 
 
 @cache
@@ -79,6 +81,12 @@ def basis() -> Basis:
 def _features(words: dict[str, int], rng: np.random.Generator) -> np.ndarray:
     vectors = np.repeat(model().embed_text(list(words)), list(words.values()), axis=0)
     return vectors + rng.normal(0, NOISE, vectors.shape)
+
+
+def _look(word: str) -> np.ndarray:
+    if not word:
+        return np.zeros(64, np.int8)
+    return basis().quantize(basis().project(model().embed_text([word])))[0]
 
 
 def rows(segment: str, things: list[Thing], frames: int) -> list[ObjectRow]:
@@ -106,6 +114,8 @@ def rows(segment: str, things: list[Thing], frames: int) -> list[ObjectRow]:
                 num_features=np.bincount(of_box, minlength=len(here)),
                 pooled=average_pool(Ragged.grouped(of_box, codes, len(here)), basis()),
                 point_feature=Ragged(codes, np.bincount(of_box, minlength=len(here))),
+                num_looks=np.array([bool(thing.look) for thing in here], np.int32),
+                look_feature=np.array([_look(thing.look) for thing in here], np.int8).reshape(-1, 64),
             )
         )
     return found

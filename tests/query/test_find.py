@@ -363,3 +363,33 @@ def test_a_filtered_box_without_points_has_one_fate(made: Workspace) -> None:
     found = ask(made, "fire truck", filters=Filters(max_range_m=11))
     assert found.counts["without points"] == 0
     assert sum(items for name, items in found.counts.items() if name != "boxes") == found.counts["boxes"]
+
+
+def test_a_track_is_found_by_its_looks_though_its_points_vote_otherwise(tmp_path: Path) -> None:
+    things = [
+        Thing({"car": 18, "fire truck": 2}, track=1, look="fire truck"),
+        Thing({"car": 20}, track=2, x_m=20),
+        Thing({}, track=3, x_m=30, look="fire truck"),  # no camera sees its points in this frame
+    ]
+    made = workspace(tmp_path, {"one": things})
+    found = ask(made, "fire truck")
+    assert found.hits.track_id.tolist() == [3, 1]
+    assert found.hits.share[0] > 0.9
+    assert found.hits.share[1] == pytest.approx((found.hits.share[0] + 0.1) / 2, abs=0.01)
+    assert (found.hits.cosine > 0.5).all()
+    assert ask(made, "car").hits.track_id.tolist() == [2]
+    # A search ranks by looks too; the mean feature of a box knows none.
+    assert ask(made, "fire truck", search=True, candidates=2).hits.track_id.tolist() == [3, 1]
+    assert not len(ask(made, "fire truck", by="mean").hits)
+
+
+def test_looks_count_by_their_weight(tmp_path: Path) -> None:
+    made = workspace(tmp_path, {"one": [Thing({"car": 18, "fire truck": 2}, track=1, look="fire truck")]})
+    path = made.stages / "classify.toml"
+    text = path.read_text()
+    assert "weight = 0.5" in text
+    path.write_text(text.replace("weight = 0.5", "weight = 0.0"))
+    again = Workspace(made.pipeline, made.stages, made.out)
+    (share,) = ask(again, "car").hits.share
+    assert share == pytest.approx(0.9)
+    assert not len(ask(again, "fire truck").hits)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from upvl_cli.stages.rows import AmodalRow, ClassifyRow
+from upvl_cli.stages.rows import AmodalRow, ClassifyRow, LooksRow
 from upvl_cli.types import Boxes, Points
 
 SEGMENT = "drive"
@@ -79,8 +79,23 @@ def amodal_row(frame: int, boxes: Boxes, track_id: list[int], **values: Any) -> 
     )
 
 
-def classify_row(frame: int, classes: list[tuple[int, int, str, float]]) -> ClassifyRow:
-    """Track, number of the class, word and share of each label."""
+def looks_row(frame: int, track_id: list[int], looks: dict[int, np.ndarray] | None = None) -> LooksRow:
+    """Labels of some tracks, of which some have a look with that feature."""
+    features = [(looks or {}).get(track) for track in track_id]
+    none = np.zeros(64, np.int8)
+    return LooksRow(
+        SEGMENT,
+        frame,
+        np.array(track_id, np.int64),
+        np.array([feature is not None for feature in features], np.int32),
+        np.array([none if feature is None else feature for feature in features], np.int8).reshape(-1, 64),
+    )
+
+
+def classify_row(
+    frame: int, classes: list[tuple[int, int, str, float]], look: str = "", agree: bool = True
+) -> ClassifyRow:
+    """Track, number of the class, word and share of each label; all have the same word by looks."""
     track_id, number, word, share = zip(*classes, strict=True) if classes else ((), (), (), ())
     return ClassifyRow(
         SEGMENT,
@@ -89,4 +104,8 @@ def classify_row(frame: int, classes: list[tuple[int, int, str, float]]) -> Clas
         np.array(number, np.int8),
         np.array(word, np.str_),
         np.array(share, np.float32),
+        np.full(len(word), 1 if look else 0, np.int32),
+        np.array([[look, "", ""]] * len(word), np.str_).reshape(-1, 3),
+        np.array([[0.5 if look else 0.0, 0, 0]] * len(word), np.float32).reshape(-1, 3),
+        np.full(len(word), agree),
     )

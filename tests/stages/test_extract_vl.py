@@ -147,7 +147,8 @@ def test_each_label_has_one_class_in_all_frames(labelled: Path) -> None:
     settings = Workspace(PIPELINE, labelled / "stages", labelled / "out").settings(
         PIPELINE.by_name["classify"]
     )
-    assert {word for ((_, word),) in classes.values()} <= {*settings.words[1], ""}
+    known = {*settings.words[1], *settings.kind_words[1], ""}
+    assert {word for ((_, word),) in classes.values()} <= known
 
 
 def test_labels_are_those_of_nms_with_their_class(labelled: Path) -> None:

@@ -8,9 +8,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from memory_inputs import SEGMENT, MemoryDrive, MemoryInputs, amodal_row, classify_row
+from memory_inputs import SEGMENT, MemoryDrive, MemoryInputs, amodal_row, classify_row, looks_row
 
-from upvl_cli.perception.labels.config import SizeConfig
+from upvl_cli.perception.labels.config import LookVoteConfig, SizeConfig
 from upvl_cli.perception.visual.open_vocabulary import COMPONENTS, Basis
 from upvl_cli.perception.visual.views import NO_VIEW, SEEN
 from upvl_cli.pipeline.tables import write
@@ -42,7 +42,7 @@ def table(tmp_path: Path) -> pa.Table:
     classes = [
         classify_row(3, [(4, 2, "person", 0.75), (5, 0, "", 0.0), (9, 0, "pole", 0.5), (7, 1, "bus", 1.0)]),
         classify_row(4, []),
-        classify_row(6, [(4, 2, "person", 0.75)]),
+        classify_row(6, [(4, 2, "person", 0.75)], look="walker", agree=False),
     ]
     inputs = MemoryInputs({"nms": boxes, "classify": classes})
     path = tmp_path / "out" / "labels" / f"{SEGMENT}.parquet"
@@ -61,6 +61,8 @@ def test_a_label_is_one_row_with_a_column_for_each_value(table: pa.Table) -> Non
         "num_points", "score", "track_id", "background_share", "num_frames_seen",
         "objectness", "sides_seen", "residual_m",
         "class", "word", "class_share", "is_moving",
+        "num_looks", "look_word_1", "look_word_2", "look_word_3",
+        "look_share_1", "look_share_2", "look_share_3", "words_agree",
     ]  # fmt: skip
     assert not [
         name
@@ -88,6 +90,13 @@ def test_the_class_is_that_of_the_track(table: pa.Table) -> None:
     assert table["class"].to_pylist() == ["vehicle", "pedestrian", "other", "unknown", "pedestrian"]
     assert table["word"].to_pylist() == ["bus", "person", "pole", "", "person"]
     assert table["class_share"].to_pylist() == [1.0, 0.75, 0.5, 0.0, 0.75]
+
+
+def test_what_looks_name_stands_beside_the_class(table: pa.Table) -> None:
+    assert table["look_word_1"].to_pylist() == ["", "", "", "", "walker"]
+    assert table["look_share_1"].to_pylist() == [0, 0, 0, 0, 0.5]
+    assert table["num_looks"].to_pylist() == [0, 0, 0, 0, 1]
+    assert table["words_agree"].to_pylist() == [True, True, True, True, False]
 
 
 def test_a_label_moves_by_its_speed_over_the_ground(table: pa.Table) -> None:
@@ -140,8 +149,13 @@ class TwoWords:
         return np.eye(COMPONENTS, dtype=np.float32)[: len(words)]
 
 
-def drive_of_points(words: list[int], xyz_m: list[list[float]], background: list[int]) -> MemoryInputs:
-    """Points with a feature along one word each (-1: no view), and two boxes that overlap."""
+def drive_of_points(
+    words: list[int],
+    xyz_m: list[list[float]],
+    background: list[int],
+    looks: dict[int, np.ndarray] | None = None,
+) -> MemoryInputs:
+    """Points with a feature along one word each (-1: no view), two boxes that overlap, and looks at some tracks."""
     state = np.where(np.array(words) < 0, NO_VIEW, SEEN).astype(np.int8)
     feature = (np.eye(COMPONENTS, dtype=np.int8) * 100)[[word for word in words if word >= 0]]
     basis = Basis(
@@ -159,6 +173,7 @@ def drive_of_points(words: list[int], xyz_m: list[list[float]], background: list
             "extract-vl": [ExtractVlRow(SEGMENT, 0, state, np.zeros(len(state), np.int8), feature)],
             "mask": [MaskRow(SEGMENT, 0, np.ones(len(state), bool), np.array(background, np.int8))],
             "nms": [amodal_row(0, pair, [7, 8, 9])],
+            "looks": [looks_row(0, [7, 8, 9], looks)],
         },
         MemoryDrive({0: np.array(xyz_m)}),
         TwoWords(),
@@ -188,16 +203,62 @@ def test_a_frame_without_features_pools_none() -> None:
     assert not row.pooled.any()
 
 
+CONFIG = classify.ClassifyConfig(
+    vehicle=("car",),
+    pedestrian=("walker",),
+    cyclist=("bicycle",),
+    other=("wall",),
+    kinds=classify.KindsConfig(vehicle=("tram", "car"), pedestrian=("child",), cyclist=()),
+    looks=LookVoteConfig(temperature=0.05, weight=0.5),
+)
+
+
+def along(word: int) -> np.ndarray:
+    """The feature of a look along one word."""
+    return (np.eye(COMPONENTS, dtype=np.int8) * 100)[word]
+
+
 def test_the_points_of_a_track_choose_its_word() -> None:
-    config = classify.ClassifyConfig(
-        vehicle=("car",), pedestrian=("walker",), cyclist=("bicycle",), other=("wall",)
-    )
-    assert config.words == ([1, 2, 4, 0], ["car", "walker", "bicycle", "wall"])
+    assert CONFIG.words == ([1, 2, 4, 0], ["car", "walker", "bicycle", "wall"])
+    assert CONFIG.kind_words == ([1, 2], ["tram", "child"])  # "car" stands above
     inputs = drive_of_points(WORDS, XYZ_M, BACKGROUND)
-    (row,) = classify.run(inputs, config)
+    (row,) = classify.run(inputs, CONFIG)
     assert row.track_id.tolist() == [7, 8, 9]
     # One vote each in the first box, the lowest number wins; two cyclists of three in the second; none in the third.
     assert row.type.tolist() == [1, 4, 0]
     assert row.word.tolist() == ["car", "bicycle", ""]
     np.testing.assert_allclose(row.share, [1 / 3, 2 / 3, 0])
-    assert inputs.counts == {"vehicles": 1, "cyclists": 1, "others": 1, "pedestrians": 0}
+    assert row.look_word.tolist() == [["", "", ""]] * 3
+    assert not row.look_share.any()
+    assert row.words_agree.all()
+    assert inputs.counts == {
+        "vehicles": 1, "cyclists": 1, "others": 1, "pedestrians": 0, "labels whose points and looks disagree": 0,
+    }  # fmt: skip
+
+
+def test_looks_choose_with_the_points_and_alone_where_there_are_none() -> None:
+    looks = {8: along(4), 9: along(5)}  # a tram, a child
+    inputs = drive_of_points(WORDS, XYZ_M, BACKGROUND, looks)
+    (row,) = classify.run(inputs, CONFIG)
+    # Of the second box the points say bicycle by two of three, and the look nearly surely tram.
+    assert row.type.tolist() == [1, 1, 2]
+    assert row.word.tolist() == ["car", "tram", "child"]
+    np.testing.assert_allclose(row.share, [1 / 3, 1 / 2, 1], atol=1e-6)
+    assert row.look_word[:, 0].tolist() == ["", "tram", "child"]
+    np.testing.assert_allclose(row.look_share[:, 0], [0, 1, 1], atol=1e-6)
+    assert row.words_agree.tolist() == [True, False, True]
+    assert inputs.counts["labels whose points and looks disagree"] == 1
+
+
+def test_points_do_not_vote_for_kinds() -> None:
+    inputs = drive_of_points([4] * 7, XYZ_M, BACKGROUND)
+    (row,) = classify.run(inputs, CONFIG)
+    assert row.word.tolist()[:2] == ["car", "car"]
+
+
+def test_pooled_features_come_with_those_of_the_looks() -> None:
+    inputs = drive_of_points(WORDS, XYZ_M, BACKGROUND, {8: along(4)})
+    (row,) = pool_features.run(inputs, pool_features.PoolFeaturesConfig())
+    assert row.num_looks.tolist() == [0, 1, 0]
+    assert row.look_feature[1].tolist() == along(4).tolist()
+    assert not row.look_feature[[0, 2]].any()

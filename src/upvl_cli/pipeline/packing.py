@@ -159,7 +159,7 @@ def unpack_box_row(
     for name, spec in declared.items():
         if spec.split:
             parts = [_flat(columns.column(part), spec) for part in spec.split]
-            values[name] = np.column_stack(parts) if boxes else np.zeros((0, *spec.shape), spec.type)
+            values[name] = np.column_stack(parts) if boxes else np.zeros((0, *spec.shape), parts[0].dtype)
         elif spec.ragged:
             cells, width = columns.column(spec.table_names(name)[0]), int(np.prod(spec.shape, dtype=np.int64))
             values[name] = Ragged(_flat(cells, spec).reshape(-1, *spec.shape), _lengths(cells, spec) // width)

@@ -1,4 +1,4 @@
-"""Find the boxes that a query asks for: filters, an optional ranking of all objects, then the vote of the points."""
+"""Find the boxes that a query asks for: filters, an optional ranking of all objects, then points and looks vote."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from upvl_cli.errors import BadInput
+from upvl_cli.perception.labels.look_votes import look_shares
 from upvl_cli.perception.visual.open_vocabulary import Basis
 from upvl_cli.pipeline.tables import Table
 from upvl_cli.query.config import QueryConfig
@@ -16,7 +17,7 @@ from upvl_cli.query.filters import Filters
 from upvl_cli.query.index import Objects, indexed_objects
 from upvl_cli.query.store import Store
 from upvl_cli.query.vocabulary import Vocabulary
-from upvl_cli.query.votes import NO_CLASS, VoteResult, best_of_groups, ranking_score, vote
+from upvl_cli.query.votes import NO_CLASS, LookShares, VoteResult, best_of_groups, ranking_score, vote
 from upvl_cli.runtime.parallel import in_order
 from upvl_cli.stages.rows import PointFeatureRow
 from upvl_cli.types import Array, Bools, Floats, Ints, ParallelArrays, array, concat
@@ -148,7 +149,8 @@ def _candidates(
     featured = 0
     for segment, objects in indexed_objects(store):
         counts["boxes"] += len(objects)
-        has_features = objects.num_features > 0
+        # A box whose points no camera sees in this frame may be of a track that others show well.
+        has_features = (objects.num_features > 0) | (_uses_looks(config) & (objects.num_looks > 0))
         featured += int(has_features.sum())
         if not filters.includes(segment):
             counts["other drives"] += len(objects)
@@ -164,19 +166,27 @@ def _candidates(
         )
     if config.search:
         total = sum(len(chosen.rows) for chosen in candidates)
-        candidates = _best_ranked(store, vocabulary, candidates, config.candidates)
+        candidates = _best_ranked(store, vocabulary, candidates, config)
         counts["not ranked high enough"] += total - sum(len(chosen.rows) for chosen in candidates)
     return [chosen for chosen in candidates if len(chosen.rows)]
 
 
 def _best_ranked(
-    store: Store, vocabulary: Vocabulary, candidates: Sequence[Candidates], limit: int
+    store: Store, vocabulary: Vocabulary, candidates: Sequence[Candidates], config: QueryConfig
 ) -> list[Candidates]:
-    """Return the best box of each of the best tracks of all drives, ranked by mean feature."""
+    """Return the best box of each of the best tracks of all drives, ranked by mean feature or by their looks."""
 
     def ranked(chosen: Candidates) -> Floats:
-        cosines = store.basis.cosines(chosen.objects.pooled[chosen.rows], vocabulary.vectors)
-        return ranking_score(cosines, vocabulary.is_queried)
+        objects = chosen.objects[chosen.rows]
+        cosines = store.basis.cosines(objects.pooled, vocabulary.vectors)
+        score = ranking_score(cosines, vocabulary.is_queried)
+        shown = np.flatnonzero(_uses_looks(config) & (objects.num_looks > 0))
+        if len(shown):
+            cosines = store.basis.cosines(objects.look_feature[shown], vocabulary.vectors)
+            of_looks = ranking_score(cosines, vocabulary.is_queried)
+            has_points = objects.num_features[shown] > 0
+            score[shown] = np.where(has_points, np.maximum(score[shown], of_looks), of_looks)
+        return score
 
     if not candidates:
         return []
@@ -186,7 +196,7 @@ def _best_ranked(
     track = np.concatenate([chosen.objects.track_id[chosen.rows] for chosen in candidates])
     # Track numbers are those of a drive: two drives share none.
     group = np.where(track < 0, -1, track * len(candidates) + drive)
-    best = best_of_groups(score, group, limit)
+    best = best_of_groups(score, group, config.candidates)
     return [
         Candidates(chosen.segment, chosen.objects, np.sort(rows[best][drive[best] == number]))
         for number, chosen in enumerate(candidates)
@@ -205,14 +215,27 @@ def _classify(
         return
     tables = in_order(lambda chosen: point_features(store, chosen.segment), candidates)
     for table, chosen in zip(tables, candidates, strict=True):
-        frames = [
-            vote(cosines, box_of_point, boxes, vocabulary.class_of_word)
-            for boxes, box_of_point, cosines in cosines_by_frame(
-                table, store.basis, vocabulary, chosen.objects[chosen.rows]
-            )
-        ]
+        objects, done, frames = chosen.objects[chosen.rows], 0, []
+        for boxes, box_of_point, cosines in cosines_by_frame(table, store.basis, vocabulary, objects):
+            looks = _look_shares(store, vocabulary, objects[done : done + boxes])
+            frames.append(vote(cosines, box_of_point, boxes, vocabulary.class_of_word, looks))
+            done += boxes
         names = ("class_index", "word_index", "share", "cosine")
         yield VoteResult(*(np.concatenate([getattr(frame, name) for frame in frames]) for name in names))
+
+
+def _uses_looks(config: QueryConfig) -> bool:
+    return config.by == "vote"
+
+
+def _look_shares(store: Store, vocabulary: Vocabulary, objects: Objects) -> LookShares | None:
+    """Return what looks at the tracks of some boxes name; None where there are none."""
+    shown = objects.num_looks > 0
+    if not shown.any():
+        return None
+    cosines = store.basis.cosines(objects.look_feature, vocabulary.vectors)
+    share = look_shares(cosines, vocabulary.class_of_word, store.looks.temperature)
+    return LookShares(share * shown[:, None], cosines, shown, store.looks.weight)
 
 
 def point_features(store: Store, segment: str) -> Table[PointFeatureRow]:

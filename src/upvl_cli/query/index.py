@@ -44,6 +44,8 @@ class Objects(ParallelArrays):
         heading_rad: (n,) direction of the length, in ego axes.
         velocity_mps: (n, 3) velocity over the ground along the ego axes.
         pooled: (n, COMPONENTS) mean feature, rounded.
+        num_looks: (n,) pictures of its track that were looked at.
+        look_feature: (n, COMPONENTS) mean feature of these looks, rounded.
     """
 
     frame: Array = array("int64")
@@ -57,6 +59,8 @@ class Objects(ParallelArrays):
     heading_rad: Array = array("float32")
     velocity_mps: Array = array("float32", 3)
     pooled: Array = array("int8", COMPONENTS)
+    num_looks: Array = array("int32")
+    look_feature: Array = array("int8", COMPONENTS)
 
     @property
     def range_m(self) -> Array:
@@ -129,6 +133,8 @@ def _read_objects(path: Path) -> Objects:
                 heading_rad=row.heading_rad,
                 velocity_mps=row.velocity_mps,
                 pooled=row.pooled,
+                num_looks=row.num_looks,
+                look_feature=row.look_feature,
             )
         )
     return concat(frames, Objects)

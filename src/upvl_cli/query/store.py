@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from upvl_cli.errors import BadSetting, NotMade
+from upvl_cli.perception.labels.config import LookVoteConfig
 from upvl_cli.perception.visual.open_vocabulary import Basis
 from upvl_cli.pipeline.stage import WHOLE_DATASET
 from upvl_cli.pipeline.tables import Table, footer_digest, read_footer
 from upvl_cli.pipeline.workspace import Workspace
+from upvl_cli.stages import classify
 from upvl_cli.stages.rows import PcaRow
 
 STAGE_OF = {"labels": "pool-features", "detections": "detect"}
@@ -31,6 +33,7 @@ class Store:
         basis: Basis of the stored features.
         basis_digest: Digest of the shard that holds the basis.
         index: Path of the search index.
+        looks: How looks and points choose a word together.
     """
 
     source: str
@@ -38,6 +41,7 @@ class Store:
     basis: Basis
     basis_digest: str
     index: Path
+    looks: LookVoteConfig
 
 
 def open_store(workspace: Workspace, source: str | None) -> Store:
@@ -58,7 +62,8 @@ def open_store(workspace: Workspace, source: str | None) -> Store:
     (fitted,) = Table(basis, PcaRow)
     _check_model(workspace, basis)
     index = workspace.out / "query" / f"index-{source}.arrow"
-    return Store(source, paths, fitted.basis, footer_digest(basis), index)
+    looks = workspace.settings(classify.STAGE).looks
+    return Store(source, paths, fitted.basis, footer_digest(basis), index, looks)
 
 
 def _shards(workspace: Workspace, source: str) -> dict[str, Path]:

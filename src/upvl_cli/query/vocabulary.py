@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -107,8 +107,7 @@ def default_negatives(
         vectors: (a, d) their text embeddings.
         config: The two cosines.
     """
-    names = workspace.settings(classify.STAGE)
-    lists = {spec.name: getattr(names, spec.name) for spec in fields(names)}
+    lists = workspace.settings(classify.STAGE).lists
     of_queried_list = {word for name, words in lists.items() if name in queried for word in words}
     common = (
         *workspace.settings(mask.STAGE).background,

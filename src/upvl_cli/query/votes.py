@@ -1,7 +1,8 @@
-"""Which class each box has: the vote of its points, or its mean feature alone (UP-VL, Section 3.5).
+"""Which class each box has: the vote of its points, or its mean feature alone (UP-VL, Section 3.5); and its looks.
 
 A point votes for the word of highest cosine; a box has the class with the most votes, all words of a class together.
-Of classes with equally many votes the one whose votes have the higher mean cosine wins.
+Of classes with equally many votes the one whose votes have the higher mean cosine wins. Looks at the track of a box
+give each word a share too (`perception.labels.look_votes`), and the largest share of both decides.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from upvl_cli.perception.labels.look_votes import combined_shares
 from upvl_cli.types import Bools, Floats, Ints
 
 NO_CLASS = -1
@@ -21,10 +23,10 @@ class VoteResult:
     """The classes of b boxes.
 
     Attributes:
-        class_index: (b,) the class that won; `NO_CLASS` for a box without points.
-        word_index: (b,) the word of that class with the most votes, the first of equals; `NO_CLASS` without points.
-        share: (b,) share of the votes that the class has, 0 to 1.
-        cosine: (b,) mean cosine of the votes for the class.
+        class_index: (b,) the class that won; `NO_CLASS` for a box without points and looks.
+        word_index: (b,) the word of that class with the largest share, the first of equals; `NO_CLASS` without both.
+        share: (b,) share that the class has, 0 to 1.
+        cosine: (b,) mean cosine of the votes for the class; that of the looks where no point votes for it.
     """
 
     class_index: Ints
@@ -33,7 +35,26 @@ class VoteResult:
     cosine: Floats
 
 
-def vote(cosines: Floats, box_of_point: Ints, boxes: int, class_of_word: Ints) -> VoteResult:
+@dataclass(frozen=True)
+class LookShares:
+    """What looks at the tracks of b boxes name.
+
+    Attributes:
+        share: (b, t) share of each word, summing to 1 where there is a look.
+        cosine: (b, t) cosine of each look with each word.
+        is_known: (b,) whether there is a look.
+        weight: Weight of the looks where points vote too; theirs is 1 less this.
+    """
+
+    share: Floats
+    cosine: Floats
+    is_known: Bools
+    weight: float
+
+
+def vote(
+    cosines: Floats, box_of_point: Ints, boxes: int, class_of_word: Ints, looks: LookShares | None = None
+) -> VoteResult:
     """Return the class that most points of each box vote for; a box with one mean feature has one vote.
 
     Args:
@@ -41,6 +62,7 @@ def vote(cosines: Floats, box_of_point: Ints, boxes: int, class_of_word: Ints) -
         box_of_point: (n,) the box of each point.
         boxes: How many boxes there are.
         class_of_word: (t,) ascending from 0, without gaps.
+        looks: What looks name; None where points alone decide.
     """
     words, classes = len(class_of_word), int(class_of_word[-1]) + 1
     best_word = cosines.argmax(axis=1)
@@ -51,13 +73,21 @@ def vote(cosines: Floats, box_of_point: Ints, boxes: int, class_of_word: Ints) -
     votes = np.bincount(ballots, minlength=boxes * classes).reshape(boxes, classes)
     total = np.bincount(ballots, best_cosine, minlength=boxes * classes).reshape(boxes, classes)
     mean = total / np.maximum(votes, 1)
-    winner = np.where(votes == votes.max(axis=1, keepdims=True), mean, -np.inf).argmax(axis=1)
-    word = np.where(class_of_word == winner[:, None], votes_per_word, -1).argmax(axis=1)
-    every, count = np.arange(boxes), votes.sum(axis=1)
+    share = votes / np.maximum(votes.sum(axis=1, keepdims=True), 1)
+    word_share: Floats = votes_per_word.astype(np.float64)
+    if looks is not None:
+        word_share = combined_shares(word_share, looks.share, looks.is_known, looks.weight)
+        first = np.searchsorted(class_of_word, np.arange(classes))
+        share = np.where(looks.is_known[:, None], np.add.reduceat(word_share, first, axis=1), share)
+        of_look = np.maximum.reduceat(looks.cosine, first, axis=1)
+        mean = np.where((votes == 0) & looks.is_known[:, None], of_look, mean)
+    winner = np.where(share == share.max(axis=1, keepdims=True), mean, -np.inf).argmax(axis=1)
+    word = np.where(class_of_word == winner[:, None], word_share, -1).argmax(axis=1)
+    every, is_known = np.arange(boxes), share.any(axis=1)
     return VoteResult(
-        np.where(count > 0, winner, NO_CLASS),
-        np.where(count > 0, word, NO_CLASS),
-        votes[every, winner] / np.maximum(count, 1),
+        np.where(is_known, winner, NO_CLASS),
+        np.where(is_known, word, NO_CLASS),
+        share[every, winner],
         mean[every, winner],
     )
 

@@ -10,7 +10,7 @@ from upvl_cli.config.base import Config, table
 from upvl_cli.detector.config import DecodeConfig, GroundingConfig
 from upvl_cli.perception.tracking.config import SmoothingConfig, TrackerConfig
 from upvl_cli.pipeline.stage import Stage
-from upvl_cli.stages.rows import GroundRow, ObjectRow, OdometryRow, PcaRow, TrainRow
+from upvl_cli.stages.rows import GroundRow, ObjectRow, OdometryRow, PcaRow, TrainRow, without_looks
 
 if TYPE_CHECKING:
     from upvl_cli.detector.predict import FramePrediction
@@ -65,6 +65,7 @@ def run(inputs: Inputs, config: DetectConfig) -> Iterator[ObjectRow]:
                 num_features=frame.num_features,
                 point_feature=point_feature,
                 pooled=average_pool(point_feature, fitted.basis),
+                **without_looks(len(boxes)),
             )
 
 

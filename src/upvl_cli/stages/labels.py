@@ -43,6 +43,10 @@ def run(inputs: Inputs, config: LabelsConfig) -> Iterator[LabelRow]:
             word=word,
             class_share=classes.share[place],
             is_moving=speed_mps >= config.moving_mps,
+            num_looks=classes.num_looks[place],
+            look_word=classes.look_word[place],
+            look_share=classes.look_share[place],
+            words_agree=classes.words_agree[place],
         )
 
 

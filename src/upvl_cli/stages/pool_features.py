@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from upvl_cli.config.base import Config
 from upvl_cli.pipeline.stage import Stage
-from upvl_cli.stages.rows import AmodalRow, ExtractVlRow, MaskRow, ObjectRow, PcaRow
+from upvl_cli.stages.rows import AmodalRow, ExtractVlRow, LooksRow, MaskRow, ObjectRow, PcaRow
 
 if TYPE_CHECKING:
     from upvl_cli.pipeline.stage import Inputs
@@ -22,7 +22,8 @@ class PoolFeaturesConfig(Config):
 def run(inputs: Inputs, config: PoolFeaturesConfig) -> Iterator[ObjectRow]:
     """Give each auto label the features of its points, so that words can find it before any training.
 
-    Points of the background are left out. A point in two boxes that overlap counts for both.
+    Points of the background are left out. A point in two boxes that overlap counts for both. Beside them stands the
+    mean feature of the looks at the label's track.
     """
     import numpy as np
 
@@ -32,6 +33,7 @@ def run(inputs: Inputs, config: PoolFeaturesConfig) -> Iterator[ObjectRow]:
 
     (fitted,) = inputs.table("pca", PcaRow)
     features, masks = inputs.table("extract-vl", ExtractVlRow), inputs.table("mask", MaskRow)
+    looks = inputs.table("looks", LooksRow)
     for row in inputs.table("nms", AmodalRow):
         seen = features[row.frame]
         point, feature = foreground_points(seen.state, seen.feature, masks[row.frame].background)
@@ -44,6 +46,7 @@ def run(inputs: Inputs, config: PoolFeaturesConfig) -> Iterator[ObjectRow]:
         has_features = int(np.count_nonzero(point_feature.count))
         inputs.count("labels with features", has_features)
         inputs.count("labels that no camera sees", total - has_features)
+        seen_by_looks = looks[row.frame]
         yield ObjectRow(
             inputs.segment,
             row.frame,
@@ -58,6 +61,8 @@ def run(inputs: Inputs, config: PoolFeaturesConfig) -> Iterator[ObjectRow]:
             num_features=point_feature.count,
             point_feature=point_feature,
             pooled=average_pool(point_feature, fitted.basis),
+            num_looks=seen_by_looks.num_looks,
+            look_feature=seen_by_looks.look_feature,
         )
 
 
@@ -66,6 +71,6 @@ STAGE = Stage(
     run=run,
     config=PoolFeaturesConfig,
     row=ObjectRow,
-    reads=("raw", "pca", "extract-vl", "mask", "nms"),
+    reads=("raw", "pca", "extract-vl", "mask", "nms", "looks"),
     version=2,
 )

@@ -39,7 +39,8 @@ def test_the_words_of_a_class_win_together() -> None:
     assert classes.type.tolist() == [OTHER, VEHICLE, OTHER]
     assert classes.word.tolist() == [3, 1, NO_WORD]
     np.testing.assert_allclose(classes.share, [1, 0.6, 0])
-    assert [part.dtype for part in classes] == [np.int8, np.int16, np.float32]
+    types = [np.int8, np.int16, np.float32, np.int16, np.float32, np.bool_]
+    assert [part.dtype for part in classes] == types
 
 
 def test_a_class_of_many_words_beats_the_best_word() -> None:
