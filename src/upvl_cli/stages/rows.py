@@ -10,7 +10,7 @@ from upvl_cli.pipeline.stage import Row, column, columns_of
 if TYPE_CHECKING:
     from upvl_cli.detector.model import Detector
     from upvl_cli.perception.visual.open_vocabulary import Basis
-    from upvl_cli.types import Array, Boxes, Ints, Ragged, TrackedBoxes
+    from upvl_cli.types import Array, Boxes, Boxes2d, Ints, Ragged, TrackedBoxes
 
 
 @dataclass(frozen=True)
@@ -146,6 +146,31 @@ class BoxRow(Row):
         from upvl_cli.types import Boxes
 
         return Boxes(self.center_m, self.size_lwh_m, self.heading_rad)
+
+
+@dataclass(frozen=True)
+class Boxes2dRow(Row):
+    """2D boxes in the pictures of one frame."""
+
+    has_image: Array = column("bool", "whether the frame has a picture of the camera", per="camera")
+    image_time_ns: Array = column("int64", "time of the picture, 0 where there is none", "ns", per="camera")
+    camera: Array = column("int8", "place of the camera among the drive's cameras", per="box")
+    xyxy_px: Array = column(
+        "float32",
+        "left, top, right and bottom edge; (0, 0) is the centre of the first pixel",
+        "px",
+        per="box",
+        shape=(4,),
+    )
+    score: Array = column("float32", "confidence of the detector, 0 to 1", per="box")
+    name: Array = column("string", "the detector's name of the kind", per="box")
+
+    @property
+    def boxes2d(self) -> Boxes2d:
+        """The boxes of all cameras, without the camera."""
+        from upvl_cli.types import Boxes2d
+
+        return Boxes2d(self.xyxy_px, self.score, self.name)
 
 
 @dataclass(frozen=True)
