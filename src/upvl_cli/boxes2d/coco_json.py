@@ -73,7 +73,9 @@ def _picture_key(image: Mapping[str, Any], where: str) -> tuple[str, int, str]:
             raise BadInput(f"{where}: frame is {_shown(frame)}, expected a whole number")
         return _text(image, "segment", where), frame, _text(image, "camera", where)
     if given:
-        raise BadInput(f"{where}: has {', '.join(given)} alone, expected all of {', '.join(_KEYS)}, or file_name")
+        raise BadInput(
+            f"{where}: has {', '.join(given)} alone, expected all of {', '.join(_KEYS)}, or file_name"
+        )
     parts = PurePosixPath(_text(image, "file_name", where).replace("\\", "/")).parts
     stem = PurePosixPath(parts[-1]).stem if parts else ""
     if len(parts) < 3 or not (stem.isascii() and stem.isdigit() and len(stem) <= _MAX_FRAME_DIGITS):

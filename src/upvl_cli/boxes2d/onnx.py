@@ -93,7 +93,9 @@ class YoloxDetector:
         height_px, width_px, _ = picture.rgb.shape
         found = [
             self._tile_boxes(tile)
-            for tile in tiles(picture.rgb, *self._size_px, self._config.tile_scales, self._config.tile_overlap)
+            for tile in tiles(
+                picture.rgb, *self._size_px, self._config.tile_scales, self._config.tile_overlap
+            )
         ]
         edges, score, kind = (np.concatenate(parts) for parts in zip(*found, strict=True))
         edges = np.clip(edges, 0, [width_px, height_px, width_px, height_px])
@@ -145,7 +147,9 @@ class YoloxDetector:
         try:
             import onnxruntime
         except ImportError as error:
-            raise BadSetting(f"{self._path}: running it needs onnxruntime; pip install 'upvl[onnx]'") from error
+            raise BadSetting(
+                f"{self._path}: running it needs onnxruntime; pip install 'upvl[onnx]'"
+            ) from error
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = 1  # frames are worked on side by side
         wanted = ("CUDAExecutionProvider", "CPUExecutionProvider")

@@ -28,7 +28,9 @@ def files(path: str) -> tuple[Path, ...]:
     """
     table = Path(path).expanduser()
     if not path or not table.is_file():
-        raise BadInput(f'boxes2d.toml: detector = "table:{path}": expected a file of boxes (.parquet or .json)')
+        raise BadInput(
+            f'boxes2d.toml: detector = "table:{path}": expected a file of boxes (.parquet or .json)'
+        )
     return (table,)
 
 
@@ -64,7 +66,10 @@ def _read_table(path: Path) -> StoredBoxes:
 def _check(stored: StoredBoxes, path: Path) -> None:
     faults = (
         (~np.isfinite(stored.edges_px).all(axis=1), "edges that are not finite"),
-        ((stored.edges_px[:, :2] > stored.edges_px[:, 2:]).any(axis=1), "a right or lower edge before the other"),
+        (
+            (stored.edges_px[:, :2] > stored.edges_px[:, 2:]).any(axis=1),
+            "a right or lower edge before the other",
+        ),
         (~((stored.score >= 0) & (stored.score <= 1)), "a score that is not between 0 and 1"),
         (stored.name == "", "no name"),
     )
@@ -140,7 +145,7 @@ def _check_inside(stored: StoredBoxes, cameras: dict[str, Camera], path: Path) -
             low, high = edges_px.min(axis=0), edges_px.max(axis=0)
             raise BadInput(
                 f"{path}: boxes of {camera.name} reach from ({low[0]:g}, {low[1]:g}) to ({high[2]:g}, {high[3]:g}), "
-                f"but its pictures have {camera.width_px} x {camera.height_px} px; expected the pixels of these pictures"
+                f"but its pictures have {camera.width_px} x {camera.height_px} px; expected pixels of these"
             )
 
 

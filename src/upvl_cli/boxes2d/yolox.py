@@ -70,7 +70,9 @@ def edges_of_centers(output: Array) -> Floats:
     return np.hstack([output[:, :2] - half, output[:, :2] + half])
 
 
-def tiles(rgb: Array, high_px: int, wide_px: int, scales: tuple[float, ...], overlap: float) -> Iterator[Tile]:
+def tiles(
+    rgb: Array, high_px: int, wide_px: int, scales: tuple[float, ...], overlap: float
+) -> Iterator[Tile]:
     """Yield the entire picture reduced to the input, then tiles of it at each scale.
 
     A scale at which the picture is no larger than the entire one is left out.
@@ -103,7 +105,9 @@ def _tiles_at(rgb: Array, scale: float, size_px: tuple[int, int], overlap: float
             pixels = np.full((*size_px, 3), PADDING, dtype=np.float32)
             pixels[: part.shape[0], : part.shape[1]] = part
             goes_on = [left > 0, top > 0, left + size_px[1] < wide, top + size_px[0] < high]
-            yield Tile(left, top, scale_xy, np.array(goes_on), np.ascontiguousarray(pixels.transpose(2, 0, 1)))
+            yield Tile(
+                left, top, scale_xy, np.array(goes_on), np.ascontiguousarray(pixels.transpose(2, 0, 1))
+            )
 
 
 def _starts(length: int, tile: int, overlap: float) -> list[int]:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from upvl_cli.boxes2d.base import BoxSource2d
     from upvl_cli.pipeline.stage import Inputs
-    from upvl_cli.types import Drive, Frame
+    from upvl_cli.types import Boxes2d, Drive, Frame
 
 
 @dataclass(frozen=True)

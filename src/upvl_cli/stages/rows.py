@@ -191,6 +191,7 @@ class ProposalRow(BoxRow):
     point_index: Ragged = column(
         "int32", "places of its points in the sweep, ascending", per="box", ragged=True
     )
+    is_lifted: Array = column("bool", "a 2D box shows the object: see boxes2d", per="box")
 
 
 @dataclass(frozen=True)
@@ -269,6 +270,37 @@ class ClassifyRow(Row):
 
 
 @dataclass(frozen=True)
+class MatchBoxes2dRow(Row):
+    """2D boxes of the labels of one frame, in the order of those of `nms`."""
+
+    per_box: ClassVar[bool] = True
+
+    track_id: Array = column("int64", "number of the track in its segment", per="box")
+    camera: Array = column(
+        "int8",
+        "place of the camera that shows most of the label among the drive's cameras, -1 for none",
+        per="box",
+    )
+    iou_2d: Array = column(
+        "float32",
+        "IoU, in that camera's picture, of the rectangle around the projected label with the best 2D box; 0 where none "
+        "overlaps it, -1 where no picture shows the label or there is no detector",
+        per="box",
+    )
+    name: Array = column(
+        "string", "name of the 2D box that shows the label in this frame; empty for none", per="box"
+    )
+    score: Array = column("float32", "confidence of that 2D box, 0 for none", per="box")
+    word: Array = column(
+        "string",
+        "name of the 2D boxes with the most votes of the track, in all frames; empty for none",
+        per="box",
+    )
+    share: Array = column("float32", "share of the votes of the track that the word has", per="box")
+    votes: Array = column("float32", "sum of the confidences of the 2D boxes of the track", per="box")
+
+
+@dataclass(frozen=True)
 class LabelRow(AmodalRow):
     """The auto labels of one frame: what users take."""
 
@@ -285,6 +317,16 @@ class LabelRow(AmodalRow):
         "float32", "share of the votes of the track's points that the class has", per="box"
     )
     is_moving: Array = column("bool", "at least as fast as moving_mps in this frame", per="box")
+    iou_2d: Array = column(
+        "float32",
+        "IoU of the rectangle around the projected label with the best 2D box; 0 where none overlaps it, -1 where no "
+        "picture shows the label or there is no detector",
+        per="box",
+    )
+    box_word: Array = column(
+        "string", "name of the 2D boxes with the most votes of the track; empty for none", per="box"
+    )
+    box_share: Array = column("float32", "share of the votes of the track that this name has", per="box")
 
 
 @dataclass(frozen=True)
