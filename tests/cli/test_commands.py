@@ -89,6 +89,7 @@ def test_a_changed_value_remakes_its_stage_and_later(copy: Path) -> None:
         "track",
         "amodal",
         "nms",
+        "match-boxes2d",
         "classify",
         "labels",
         "pool-features",

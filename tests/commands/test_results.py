@@ -51,6 +51,9 @@ def label_row(segment: str, frame: int, boxes: list[tuple[str, float]]) -> Label
         word=np.array(["car"] * n, dtype=str),
         class_share=np.ones(n),
         is_moving=np.zeros(n, bool),
+        iou_2d=np.full(n, -1.0),
+        box_word=np.array([""] * n, dtype=str),
+        box_share=np.zeros(n),
     )
 
 

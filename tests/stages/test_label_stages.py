@@ -15,7 +15,7 @@ from upvl_cli.perception.visual.open_vocabulary import COMPONENTS, Basis
 from upvl_cli.perception.visual.views import NO_VIEW, SEEN
 from upvl_cli.pipeline.tables import write
 from upvl_cli.stages import classify, labels, nms, pool_features
-from upvl_cli.stages.rows import ExtractVlRow, LabelRow, MaskRow, PcaRow
+from upvl_cli.stages.rows import ExtractVlRow, LabelRow, MaskRow, MatchBoxes2dRow, PcaRow
 from upvl_cli.types import Boxes
 
 STREET = Boxes.from_rows(
@@ -44,7 +44,15 @@ def table(tmp_path: Path) -> pa.Table:
         classify_row(4, []),
         classify_row(6, [(4, 2, "person", 0.75)]),
     ]
-    inputs = MemoryInputs({"nms": boxes, "classify": classes})
+    shown = [
+        MatchBoxes2dRow(
+            SEGMENT, row.frame, row.track_id, np.zeros(len(row.track_id), np.int8), np.full(len(row.track_id), 0.5),
+            np.full(len(row.track_id), "car"), np.ones(len(row.track_id)), np.full(len(row.track_id), "bus"),
+            np.full(len(row.track_id), 0.75), np.ones(len(row.track_id)),
+        )
+        for row in boxes
+    ]  # fmt: skip
+    inputs = MemoryInputs({"nms": boxes, "classify": classes, "match-boxes2d": shown})
     path = tmp_path / "out" / "labels" / f"{SEGMENT}.parquet"
     rows = labels.run(inputs, labels.LabelsConfig(moving_mps=1.0))
     write(path, LabelRow, rows, stamp="{}", counts={})
@@ -60,7 +68,7 @@ def test_a_label_is_one_row_with_a_column_for_each_value(table: pa.Table) -> Non
         "velocity_x_mps", "velocity_y_mps", "velocity_z_mps",
         "num_points", "score", "track_id", "background_share", "num_frames_seen",
         "objectness", "sides_seen", "residual_m",
-        "class", "word", "class_share", "is_moving",
+        "class", "word", "class_share", "is_moving", "iou_2d", "box_word", "box_share",
     ]  # fmt: skip
     assert not [
         name

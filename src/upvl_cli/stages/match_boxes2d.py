@@ -38,11 +38,11 @@ def run(inputs: Inputs, config: MatchBoxes2dConfig) -> Iterator[MatchBoxes2dRow]
 
     labels, votes = inputs.table("nms", AmodalRow), BoxVotes()
     matches_of = _matcher(inputs, config)
-    found: list[tuple[Matches, Ints]] = []
     for row in labels:
-        found.append(matches_of(row))
-        votes.add_frame(row.track_id, found[-1][0].name, found[-1][0].score)
-    for row, (matches, camera) in zip(labels, found, strict=True):
+        matches, _ = matches_of(row)
+        votes.add_frame(row.track_id, matches.name, matches.score)
+    for row in labels:  # once more, so that no more than a frame is held
+        matches, camera = matches_of(row)
         words = votes.words(row.track_id)
         is_shown, has_picture = matches.name != "", matches.iou >= 0
         inputs.count("labels that a 2D box shows", is_shown.sum())
