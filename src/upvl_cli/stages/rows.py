@@ -9,6 +9,7 @@ from upvl_cli.pipeline.stage import Row, column, columns_of
 
 if TYPE_CHECKING:
     from upvl_cli.detector.model import Detector
+    from upvl_cli.perception.labels.box_matching import FramePictures
     from upvl_cli.perception.visual.open_vocabulary import Basis
     from upvl_cli.types import Array, Boxes, Boxes2d, Ints, Ragged, TrackedBoxes
 
@@ -164,6 +165,13 @@ class Boxes2dRow(Row):
     )
     score: Array = column("float32", "confidence of the detector, 0 to 1", per="box")
     name: Array = column("string", "the detector's name of the kind", per="box")
+
+    @property
+    def pictures(self) -> FramePictures:
+        """The pictures with the boxes of all of them."""
+        from upvl_cli.perception.labels.box_matching import FramePictures
+
+        return FramePictures(self.has_image, self.image_time_ns, self.camera, self.boxes2d)
 
     @property
     def boxes2d(self) -> Boxes2d:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from upvl_cli.geometry.box_projection import iou_of_rectangles, projected_boxes
+from upvl_cli.geometry.boxes import corners
+from upvl_cli.geometry.path import pose_at
 from upvl_cli.perception.visual.riders import merge_riders
-from upvl_cli.types import Array, Boxes2d, Camera, Floats, Ints
+from upvl_cli.perception.visual.views import move_to_time
+from upvl_cli.types import Array, Bools, Boxes, Boxes2d, Camera, Floats, Ints
 
 NO_CAMERA, NO_IOU = -1, -1.0
 
@@ -26,6 +29,23 @@ class CameraView:
 
     camera: Camera
     corners_m: Array
+    boxes: Boxes2d
+
+
+@dataclass(frozen=True)
+class FramePictures:
+    """The pictures of a frame and all their 2D boxes.
+
+    Attributes:
+        has_image: (c,) whether each camera has one; no camera at all without a detector.
+        image_time_ns: (c,) when it was taken.
+        camera: (k,) number of the camera of each 2D box.
+        boxes: The k boxes.
+    """
+
+    has_image: Bools
+    image_time_ns: Ints
+    camera: Ints
     boxes: Boxes2d
 
 
@@ -82,3 +102,52 @@ def match_boxes(views: Sequence[CameraView], total: int, *, min_iou: float) -> M
             name[rows[row]] = str(boxes.name[shown_by[row]])
             score[rows[row]] = boxes.score[shown_by[row]]
     return Matches(view, iou, np.array(name, dtype=np.str_), score)
+
+
+class BoxMatcher:
+    """The cameras and poses of a drive, to compare its 3D boxes with 2D boxes."""
+
+    def __init__(
+        self,
+        cameras: Sequence[Camera],
+        times_ns: Sequence[int],
+        world_from_ego: Sequence[Array],
+        min_iou: float,
+    ) -> None:
+        """Take the cameras and the poses.
+
+        Args:
+            cameras: The cameras of the drive.
+            times_ns: (T,) times of its frames.
+            world_from_ego: (T, 4, 4) poses of its frames.
+            min_iou: IoU from which on a 2D box shows a 3D box.
+        """
+        self._cameras, self._min_iou = tuple(cameras), min_iou
+        self._times_ns, self._poses = list(times_ns), np.asarray(world_from_ego).reshape(-1, 4, 4)
+
+    def match(self, step: int, boxes: Boxes, velocity_mps: Array, pictures: FramePictures) -> Matches:
+        """Return which 2D box shows each 3D box of a frame; views are numbered as the drive's cameras.
+
+        Args:
+            step: Number of the frame in the drive, from 0.
+            boxes: b boxes in its ego axes.
+            velocity_mps: (b, 3) their velocity over the ground.
+            pictures: The pictures of the frame.
+        """
+        shown = np.flatnonzero(pictures.has_image)
+        places_m = corners(boxes).reshape(-1, 3)
+        views = []
+        for number in shown.tolist():
+            time_ns = int(pictures.image_time_ns[number])
+            moved_m = move_to_time(
+                places_m,
+                np.repeat(velocity_mps, 8, axis=0),
+                (time_ns - self._times_ns[step]) * 1e-9,
+                self._poses[step],
+                pose_at(self._times_ns, self._poses, time_ns),
+            )
+            here = pictures.boxes[pictures.camera == number]
+            views.append(CameraView(self._cameras[number], moved_m.reshape(-1, 8, 3), here))
+        found = match_boxes(views, len(boxes), min_iou=self._min_iou)
+        # The last place is that of no view.
+        return replace(found, view=np.append(shown, NO_CAMERA)[found.view])
