@@ -30,7 +30,7 @@ from upvl_cli.geometry.camera import project
 from upvl_cli.geometry.iou import iou_3d
 from upvl_cli.pipeline.presets import make_labels, preset_workspace
 from upvl_cli.pipeline.workspace import Workspace
-from upvl_cli.stages.rows import LabelRow
+from upvl_cli.stages.rows import AmodalRow, MatchBoxes2dRow
 from upvl_cli.synthetic.kind import CYCLIST, PEDESTRIAN, VEHICLE
 from upvl_cli.synthetic.labels import is_labelled
 from upvl_cli.types import Labels
@@ -74,8 +74,9 @@ def main() -> None:
         for number, (name, workspace) in enumerate(runs.items()):
             done = [base][:number]
             for segment in base.segments:
-                for _ in make_labels(base, workspace, done, segment, lambda: None):
-                    pass
+                for made in make_labels(base, workspace, done, segment, lambda: None):
+                    if made.stage == "match-boxes2d":
+                        break  # what follows is not looked at
             _print_scores(name, workspace)
         _print_matches(runs["with"])
 
@@ -144,7 +145,7 @@ def _print_scores(name: str, workspace: Workspace) -> None:
 
 def _labels_in_view(workspace: Workspace) -> Iterator[tuple[int, float, float]]:
     """Yield type, range and best 3D IoU of each human label with a LiDAR point whose centre a camera sees."""
-    for segment, truth, row in _frames(workspace):
+    for segment, truth, row, _ in _frames(workspace):
         cameras = workspace.drive(segment).cameras
         seen = np.any([project(camera, truth.center_m)[2] for camera in cameras], axis=0)
         iou = iou_3d(truth, row.boxes).max(axis=1, initial=0.0) if len(row.boxes) else np.zeros(len(truth))
@@ -152,22 +153,23 @@ def _labels_in_view(workspace: Workspace) -> Iterator[tuple[int, float, float]]:
             yield int(truth.type[number]), float(np.hypot(*truth.center_m[number, :2])), float(iou[number])
 
 
-def _frames(workspace: Workspace) -> Iterator[tuple[str, Labels, LabelRow]]:
-    """Yield the human labels and the auto labels of each labelled frame."""
+def _frames(workspace: Workspace) -> Iterator[tuple[str, Labels, AmodalRow, MatchBoxes2dRow]]:
+    """Yield the human labels and the auto labels of each labelled frame, and their 2D boxes."""
     source, frames, _ = labelled_frames(workspace)
     for segment, labelled in frames.items():
-        labels, table = source.labels(segment), workspace.table("labels", LabelRow, segment)
+        labels, table = source.labels(segment), workspace.table("nms", AmodalRow, segment)
+        matches = workspace.table("match-boxes2d", MatchBoxes2dRow, segment)
         known = set(table.frames)
         for frame in labelled.tolist():
             if frame in known:
-                yield segment, labels[labels.frame == frame], table[frame]
+                yield segment, labels[labels.frame == frame], table[frame], matches[frame]
 
 
 def _print_matches(workspace: Workspace) -> None:
     """Print how often labels are seen in a 2D box, right and wrong ones, and whether the votes are right."""
     iou_2d: dict[bool, list[float]] = {True: [], False: []}
     votes: Counter[tuple[int, bool]] = Counter()
-    for _, truth, row in _frames(workspace):
+    for _, truth, row, shown in _frames(workspace):
         iou = (
             iou_3d(row.boxes, truth)
             if len(truth) and len(row.boxes)
@@ -177,11 +179,11 @@ def _print_matches(workspace: Workspace) -> None:
         right = dict(zip(rows.tolist(), columns.tolist(), strict=True))
         for box in range(len(row.boxes)):
             is_right = box in right and iou[box, right[box]] >= RIGHT_IOU
-            if row.iou_2d[box] >= 0:
-                iou_2d[is_right].append(float(row.iou_2d[box]))
-            if is_right and row.box_word[box]:
+            if shown.iou_2d[box] >= 0:
+                iou_2d[is_right].append(float(shown.iou_2d[box]))
+            if is_right and shown.word[box]:
                 kind = int(truth.type[right[box]])
-                votes[kind, TYPE_OF_WORD.get(str(row.box_word[box])) == kind] += 1
+                votes[kind, TYPE_OF_WORD.get(str(shown.word[box])) == kind] += 1
     for is_right, values in iou_2d.items():
         shares = ", ".join(
             f">= {limit:g}: {np.mean(np.array(values) >= limit):.0%}" for limit in (0.2, 0.4, 0.6)
