@@ -63,6 +63,7 @@ def test_a_changed_value_changes_the_stamps_below_and_no_other(tmp_path: Path) -
         "track",
         "amodal",
         "nms",
+        "match-boxes2d",
         "classify",
         "labels",
         "pool-features",
