@@ -12,10 +12,11 @@ import pyarrow.parquet as pq
 import pytest
 from memory_inputs import SEGMENT, MemoryInputs, amodal_row, boxes2d_row
 from test_propose_stage import CONFIG, FRAMES, boxes_of, drive
+from test_windowed_stages import scene, tracked
 
 from upvl_cli.config.toml import load
 from upvl_cli.pipeline.tables import Table, write
-from upvl_cli.stages import boxes2d, match_boxes2d
+from upvl_cli.stages import amodal, boxes2d, match_boxes2d
 from upvl_cli.stages.rows import Boxes2dRow, OdometryRow
 from upvl_cli.types import Boxes, Boxes2d, Camera, Frame, Image
 
@@ -126,6 +127,20 @@ def test_what_is_a_proposal_already_is_its_duplicate() -> None:
             assert row.duplicate_of.tolist() == [-1, 0]
         np.testing.assert_array_equal(row.center_m[:1], before.center_m)
     assert any(row.is_lifted.any() for row in rows)
+
+
+def test_words_do_not_call_background_what_a_picture_shows() -> None:
+    """All points are background by words: tracks stay where 2D boxes show them."""
+    shares = []
+    for is_lifted in (False, True):
+        inputs = scene(6)
+        for name, values in (("mask", {"background": 1}), ("propose", {"is_lifted": is_lifted})):
+            inputs.tables[name] = [
+                replace(row, **{key: np.full_like(getattr(row, key), value) for key, value in values.items()})
+                for row in inputs.tables[name]
+            ]
+        shares.append(amodal.track_totals(tracked(inputs)).background_share)
+    assert set(shares[0].tolist()) == {1.0} and set(shares[1].tolist()) == {0.0}
 
 
 def odometry(frames: int) -> list[OdometryRow]:
