@@ -44,7 +44,14 @@ def read_coco(path: Path) -> StoredBoxes:
         edges.append(_edges(annotation, where))
         scores.append(_number(annotation.get("score", 1.0), f"{where}: score"))
     segments, frames, cameras = zip(*rows, strict=True) if rows else ((), (), ())
-    return StoredBoxes(segments, frames, cameras, np.array(edges), scores, kinds)  # type: ignore[arg-type]
+    return StoredBoxes(
+        segment=np.array(segments, dtype=np.str_),
+        frame=np.array(frames, dtype=np.int64),
+        camera=np.array(cameras, dtype=np.str_),
+        edges_px=np.array(edges),
+        score=np.array(scores),
+        name=np.array(kinds, dtype=np.str_),
+    )
 
 
 def _read(path: Path) -> dict[str, list[dict[str, Any]]]:

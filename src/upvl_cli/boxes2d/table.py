@@ -54,12 +54,12 @@ def _read_table(path: Path) -> StoredBoxes:
     table = read_parquet(path, ("segment", "frame", "camera", *_EDGES, "name"), ("score",))
     total = table.num_rows
     return StoredBoxes(
-        segment=texts(table, "segment", path),
+        segment=np.array(texts(table, "segment", path), dtype=np.str_),
         frame=integers(table, "frame", path),
-        camera=texts(table, "camera", path),
+        camera=np.array(texts(table, "camera", path), dtype=np.str_),
         edges_px=np.column_stack([values(table, name, "float64", path) for name in _EDGES]),
         score=values(table, "score", "float64", path) if "score" in table.column_names else np.ones(total),
-        name=texts(table, "name", path),
+        name=np.array(texts(table, "name", path), dtype=np.str_),
     )
 
 

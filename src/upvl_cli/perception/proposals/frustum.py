@@ -64,7 +64,7 @@ def frustum_clusters(
         focal_px = float(pictures[place].camera.intrinsic[1, 1])
         chosen, reason = _object_in_frustum(uv_px[inside], depth_m[inside], edges_px, focal_px, config)
         counts[reason] += 1
-        cluster = inside[chosen]
+        cluster: Ints = inside[chosen]
         if not len(cluster):
             continue
         cluster = _known_cluster(cluster, inside, given, config.min_shared)
