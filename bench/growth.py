@@ -34,7 +34,8 @@ LATITUDE_DEG, LONGITUDE_DEG, EARTH_RADIUS_M = 49.0, 8.43, 6378137.0
 WIDTH_PX, HEIGHT_PX = 124, 37
 CAR_LWH_M = np.array([4.2, 1.8, 1.5])
 STAGES = (
-    "odometry", "ground", "flow", "pca", "extract-vl", "mask", "propose", "track", "amodal", "nms", "classify",
+    "odometry", "ground", "flow", "pca", "extract-vl", "mask", "boxes2d", "propose", "track", "amodal", "nms",
+    "match-boxes2d", "classify",
     "labels", "pool-features",
 )  # fmt: skip
 

@@ -33,10 +33,11 @@ ALLOWED = {
     "drawing": METHOD | {"drawing"},
     "detector": METHOD | {"detector"},
     "vlm": METHOD | {"vlm"},
+    "boxes2d": METHOD | {"boxes2d", "datasets"},
     "synthetic": METHOD | {"synthetic", "datasets"},
     "datasets": METHOD | {"datasets", "synthetic"},
     "pipeline": BASE | {"config", "runtime", "pipeline"},
-    "stages": METHOD | {"pipeline", "stages", "perception", "detector"},
+    "stages": METHOD | {"pipeline", "stages", "perception", "detector", "boxes2d"},
     "query": USE_CASES | {"query"},
     "evaluation": USE_CASES | {"evaluation", "datasets"},
     "commands": USE_CASES | {"commands", "datasets", "synthetic"},
@@ -57,7 +58,9 @@ CITY_DOORS = {
 LABELS = re.compile(
     rf"{PACKAGE}\.(datasets\.(label_registry|exact_labels|flow_truth|\w+\.(labels|tracklets|objects|annotations))|synthetic\.labels)\b"
 )
-MAY_OPEN_FILES = {"config", "datasets", "pipeline", "runtime", "vlm", "synthetic", "detector", "commands"}
+MAY_OPEN_FILES = {
+    "config", "datasets", "pipeline", "runtime", "vlm", "boxes2d", "synthetic", "detector", "commands",
+}  # fmt: skip
 MAY_PRINT = {"cli"}
 MOST_PARAMETERS = 8
 
@@ -99,6 +102,13 @@ def test_every_room_has_a_rule() -> None:
 def test_a_module_knows_only_what_it_may(path: Path) -> None:
     known = {name.split(".")[1] for name in imports(path) if name.startswith(f"{PACKAGE}.")}
     assert known <= ALLOWED[place(path)]
+
+
+def test_boxes2d_knows_of_datasets_how_tables_are_read_alone() -> None:
+    inside = {name for path in MODULES if place(path) == "boxes2d" for name in modules_of(path)}
+    assert {name for name in inside if name.startswith(f"{PACKAGE}.datasets")} <= {
+        f"{PACKAGE}.datasets.shared.arrow"
+    }
 
 
 @pytest.mark.parametrize("path", MODULES, ids=ids)

@@ -173,6 +173,21 @@ class TrackedBoxes(Boxes):
 
 
 @dataclass(frozen=True)
+class Boxes2d(ParallelArrays):
+    """Boxes in one picture, as a detector gives them.
+
+    Attributes:
+        xyxy_px: (n, 4) left, top, right and bottom edge; (0, 0) is the centre of the first pixel, as of `Camera`.
+        score: (n,) confidence, 0 to 1.
+        name: (n,) the detector's own name of the kind, for example "person".
+    """
+
+    xyxy_px: Array = array("float64", 4)
+    score: Array = array("float64")
+    name: Array = array("str")
+
+
+@dataclass(frozen=True)
 class Labels(Boxes):
     """Human (or simulated) boxes of a whole segment, each in the ego axes of its frame; for evaluation only.
 

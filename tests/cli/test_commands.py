@@ -90,6 +90,7 @@ def test_a_changed_value_remakes_its_stage_and_later(copy: Path) -> None:
         "amodal",
         "nms",
         "looks",
+        "match-boxes2d",
         "classify",
         "labels",
         "pool-features",

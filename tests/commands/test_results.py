@@ -55,6 +55,9 @@ def label_row(segment: str, frame: int, boxes: list[tuple[str, float]]) -> Label
         look_word=np.full((n, 3), "", dtype=str),
         look_share=np.zeros((n, 3)),
         words_agree=np.ones(n, bool),
+        iou_2d=np.full(n, -1.0),
+        box_word=np.array([""] * n, dtype=str),
+        box_share=np.zeros(n),
     )
 
 

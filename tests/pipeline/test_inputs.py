@@ -64,6 +64,7 @@ def test_a_changed_value_changes_the_stamps_below_and_no_other(tmp_path: Path) -
         "amodal",
         "nms",
         "looks",
+        "match-boxes2d",
         "classify",
         "labels",
         "pool-features",

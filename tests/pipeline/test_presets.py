@@ -17,7 +17,17 @@ from upvl_cli.pipeline.presets import make_labels, preset_workspace
 from upvl_cli.pipeline.stage import WHOLE_DATASET
 from upvl_cli.pipeline.workspace import Workspace
 
-FROM_PROPOSE = ["propose", "track", "amodal", "nms", "looks", "classify", "labels", "pool-features"]
+FROM_PROPOSE = [
+    "propose",
+    "track",
+    "amodal",
+    "nms",
+    "looks",
+    "match-boxes2d",
+    "classify",
+    "labels",
+    "pool-features",
+]
 FROM_MASK = ["mask", *FROM_PROPOSE]
 
 
@@ -161,7 +171,7 @@ def test_what_a_kill_left_behind_is_never_written_into(base: Workspace, name: st
     mine = workspace.shard("nms", segment)
     mine.parent.mkdir(parents=True)
     mine.with_name(name.format(mine.name)).hardlink_to(shard)
-    assert made(base, workspace) == ["nms", "looks", "classify", "labels", "pool-features"]
+    assert made(base, workspace) == ["nms", "looks", "match-boxes2d", "classify", "labels", "pool-features"]
     assert shard.read_bytes() == content and not mine.samefile(shard)
     made(base, preset(base, "bold", nms=""))
     assert mine.samefile(shard)

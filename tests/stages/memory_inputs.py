@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from upvl_cli.stages.rows import AmodalRow, ClassifyRow, LooksRow
-from upvl_cli.types import Boxes, Points
+from upvl_cli.stages.rows import AmodalRow, Boxes2dRow, ClassifyRow, LooksRow
+from upvl_cli.types import Boxes, Boxes2d, Camera, Points, empty
 
 SEGMENT = "drive"
 
@@ -19,6 +19,7 @@ class MemoryDrive:
     """Sweeps by frame."""
 
     xyz_ego_m: dict[int, np.ndarray]
+    cameras: tuple[Camera, ...] = ()
 
     def points(self, frame: int) -> Points:
         xyz = self.xyz_ego_m[frame]
@@ -108,4 +109,19 @@ def classify_row(
         np.array([[look, "", ""]] * len(word), np.str_).reshape(-1, 3),
         np.array([[0.5 if look else 0.0, 0, 0]] * len(word), np.float32).reshape(-1, 3),
         np.full(len(word), agree),
+    )
+
+
+def boxes2d_row(frame: int, boxes: Boxes2d | None = None, *, cameras: int = 0) -> Boxes2dRow:
+    """2D boxes in the picture of the first of some cameras, taken at the time of the frame; none without a detector."""
+    boxes = empty(Boxes2d) if boxes is None else boxes
+    return Boxes2dRow(
+        SEGMENT,
+        frame,
+        has_image=np.ones(cameras, bool),
+        image_time_ns=np.full(cameras, frame * 10**8),
+        camera=np.zeros(len(boxes), np.int8),
+        xyxy_px=boxes.xyxy_px,
+        score=boxes.score,
+        name=boxes.name,
     )

@@ -8,15 +8,23 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from memory_inputs import SEGMENT, MemoryDrive, MemoryInputs, amodal_row, classify_row, looks_row
+from memory_inputs import SEGMENT, MemoryDrive, MemoryInputs, amodal_row, boxes2d_row, classify_row, looks_row
 
-from upvl_cli.perception.labels.config import LookVoteConfig, SizeConfig
+from upvl_cli.perception.labels.config import LookVoteConfig, PictureScoreConfig, SizeConfig
 from upvl_cli.perception.visual.open_vocabulary import COMPONENTS, Basis
 from upvl_cli.perception.visual.views import NO_VIEW, SEEN
 from upvl_cli.pipeline.tables import write
 from upvl_cli.stages import classify, labels, nms, pool_features
-from upvl_cli.stages.rows import ExtractVlRow, LabelRow, MaskRow, PcaRow
-from upvl_cli.types import Boxes
+from upvl_cli.stages.rows import (
+    AmodalRow,
+    ExtractVlRow,
+    LabelRow,
+    MaskRow,
+    MatchBoxes2dRow,
+    OdometryRow,
+    PcaRow,
+)
+from upvl_cli.types import Boxes, Boxes2d, Camera
 
 STREET = Boxes.from_rows(
     np.array(
@@ -44,7 +52,15 @@ def table(tmp_path: Path) -> pa.Table:
         classify_row(4, []),
         classify_row(6, [(4, 2, "person", 0.75)], look="walker", agree=False),
     ]
-    inputs = MemoryInputs({"nms": boxes, "classify": classes})
+    shown = [
+        MatchBoxes2dRow(
+            SEGMENT, row.frame, row.track_id, np.zeros(len(row.track_id), np.int8), np.full(len(row.track_id), 0.5),
+            np.full(len(row.track_id), "car"), np.ones(len(row.track_id)), np.full(len(row.track_id), "bus"),
+            np.full(len(row.track_id), 0.75), np.ones(len(row.track_id)),
+        )
+        for row in boxes
+    ]  # fmt: skip
+    inputs = MemoryInputs({"nms": boxes, "classify": classes, "match-boxes2d": shown})
     path = tmp_path / "out" / "labels" / f"{SEGMENT}.parquet"
     rows = labels.run(inputs, labels.LabelsConfig(moving_mps=1.0))
     write(path, LabelRow, rows, stamp="{}", counts={})
@@ -62,7 +78,7 @@ def test_a_label_is_one_row_with_a_column_for_each_value(table: pa.Table) -> Non
         "objectness", "sides_seen", "residual_m",
         "class", "word", "class_share", "is_moving",
         "num_looks", "look_word_1", "look_word_2", "look_word_3",
-        "look_share_1", "look_share_2", "look_share_3", "words_agree",
+        "look_share_1", "look_share_2", "look_share_3", "words_agree", "iou_2d", "box_word", "box_share",
     ]  # fmt: skip
     assert not [
         name
@@ -103,6 +119,20 @@ def test_a_label_moves_by_its_speed_over_the_ground(table: pa.Table) -> None:
     assert table["is_moving"].to_pylist() == [True, True, False, False, False]  # 5, 1, 0.99 and 0 m/s
 
 
+PICTURE = PictureScoreConfig(min_weight=0.2, full_iou=0.5)
+
+
+def nms_inputs(row: AmodalRow, shown: Boxes2d | None = None) -> MemoryInputs:
+    """Inputs of `nms`: the boxes of a frame, and 2D boxes in the picture of a camera that looks ahead."""
+    forward = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 1], [0, 0, 0, 1]])
+    intrinsic = np.array([[100.0, 0, 99.5], [0, 100, 49.5], [0, 0, 1]])
+    camera = Camera("front", 200, 100, intrinsic, np.zeros(5), forward)
+    pose = OdometryRow(SEGMENT, 0, 0, np.eye(4), True, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0)
+    pictures = boxes2d_row(0, shown, cameras=0 if shown is None else 1)
+    tables = {"amodal": [row], "odometry": [pose], "boxes2d": [pictures]}
+    return MemoryInputs(tables, MemoryDrive({}, (camera,)))
+
+
 def test_nms_keeps_the_better_boxes_in_their_order_and_counts_the_others() -> None:
     rows = [
         [30.0, 0, 1, 4, 2, 2, 0],
@@ -113,10 +143,10 @@ def test_nms_keeps_the_better_boxes_in_their_order_and_counts_the_others() -> No
     rows += [[20, 0, 1, 4, 2, 2, 0], [50, 0, 1, 0.2, 0.2, 0.4, 0], [70, 0, 1, 20, 10, 4, 0]]
     boxes = Boxes.from_rows(np.array(rows))
     score = np.array([0.1, 0.3, 0.9, 0.8, 0.2, 0.8, 0.8])
-    config = nms.NmsConfig(max_iou=0.2, min_objectness=0.0, size=SizeConfig(0.1, 200.0, 0.3))
+    config = nms.NmsConfig(max_iou=0.2, min_objectness=0.0, size=SizeConfig(0.1, 200.0, 0.3), picture=PICTURE)
     # In one frame the worse of two tracks can have more points: the better track stays in all of them.
     row = amodal_row(0, boxes, [1, 2, 3, 4, 5, 6, 7], score=score[::-1], objectness=score)
-    inputs = MemoryInputs({"amodal": [row]})
+    inputs = nms_inputs(row)
     (kept,) = nms.run(inputs, config)
     # The flat box is gone before it could suppress the one below it.
     assert kept.track_id.tolist() == [1, 3, 5]
@@ -134,12 +164,29 @@ def test_nms_keeps_the_better_boxes_in_their_order_and_counts_the_others() -> No
 def test_what_is_unlike_a_road_user_is_dropped_before_it_suppresses_anything() -> None:
     rows = np.array([[0.0, 0, 1, 4, 2, 2, 0], [0.5, 0, 1, 4, 2, 2, 0], [9.0, 0, 1, 4, 2, 2, 0]])
     row = amodal_row(0, Boxes.from_rows(rows), [1, 2, 3], objectness=np.array([0.2, 0.04, 0.05]))
-    inputs = MemoryInputs({"amodal": [row]})
+    inputs = nms_inputs(row)
     (kept,) = nms.run(
-        inputs, nms.NmsConfig(max_iou=0.2, min_objectness=0.05, size=SizeConfig(0.1, 200.0, 0.3))
+        inputs,
+        nms.NmsConfig(max_iou=0.2, min_objectness=0.05, size=SizeConfig(0.1, 200.0, 0.3), picture=PICTURE),
     )
     assert kept.track_id.tolist() == [1, 3]
     assert inputs.counts["boxes dropped: unlike a road user"] == 1
+
+
+def test_a_track_that_fits_no_2d_box_has_a_lower_score_and_gives_way() -> None:
+    """The near face of a cube of 2 m whose centre is 11 m ahead is 20 px around (99.5, 49.5)."""
+    cube = [11.0, 0, 1, 2, 2, 2, 0]
+    rows = np.array([cube, [11.0, 0.9, 1, 2, 2, 2, 0], [-11.0, 0, 1, 2, 2, 2, 0], [11, 8, 1, 2, 2, 2, 0]])
+    row = amodal_row(0, Boxes.from_rows(rows), [1, 2, 3, 4], objectness=np.array([0.5, 0.6, 0.5, 0.5]))
+    shown = Boxes2d(np.array([[89.5, 39.5, 109.5, 59.5]]), np.array([0.9]), np.array(["car"]))
+    config = nms.NmsConfig(0.2, 0.0, SizeConfig(0.1, 200.0, 0.3), PICTURE)
+    (kept,) = nms.run(nms_inputs(row, shown), config)
+    # The second one is 9 px off, IoU 11 / 29: the first one is the better now. The third is behind, the last not seen.
+    assert kept.track_id.tolist() == [1, 3, 4]
+    np.testing.assert_allclose(kept.score, row.score[[0, 2, 3]] * [1, 1, 0.2])
+    (kept,) = nms.run(nms_inputs(row), config)  # without a detector
+    assert kept.track_id.tolist() == [2, 3, 4]
+    np.testing.assert_array_equal(kept.score, row.score[1:])
 
 
 class TwoWords:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from memory_inputs import SEGMENT, MemoryDrive, MemoryInputs
+from memory_inputs import SEGMENT, MemoryDrive, MemoryInputs, boxes2d_row
 
 from upvl_cli.config.toml import load
 from upvl_cli.perception.visual.open_vocabulary import COMPONENTS
@@ -27,7 +27,9 @@ def drive(
     object_mps: float, ego_mps: float, feature: np.ndarray | None = None, frames: int = FRAMES, **changes: Any
 ) -> MemoryInputs:
     """A solid car beside a car that drives, whose flow says 6 m/s whatever it does; every other point is ground."""
-    tables: dict[str, list[Any]] = {name: [] for name in ("odometry", "flow", "ground", "mask", "extract-vl")}
+    tables: dict[str, list[Any]] = {
+        name: [] for name in ("odometry", "flow", "ground", "mask", "extract-vl", "boxes2d")
+    }
     sweeps = {}
     for number in range(frames):
         frame, time_s = 10 + number, number * FRAME_S
@@ -47,6 +49,7 @@ def drive(
         tables["ground"].append(GroundRow(SEGMENT, frame, xyz[:, 2], is_ground))
         values = {"is_moving": np.ones(total, bool), "background": np.zeros(total, np.int8)} | changes
         tables["mask"].append(MaskRow(SEGMENT, frame, **values))
+        tables["boxes2d"].append(boxes2d_row(frame))
         tables["extract-vl"].append(ExtractVlRow(SEGMENT, frame, state, np.zeros(total, np.int8), codes))
     scale = np.full(COMPONENTS, 0.01, np.float32)
     tables["pca"] = [PcaRow("all", 0, np.zeros(COMPONENTS), np.eye(COMPONENTS).ravel(), scale, 1.0)]

@@ -87,7 +87,7 @@ def scene(frames: int, points: int = 30) -> LongInputs:
             ProposalRow(
                 SEGMENT, number, round(time_s * 1e9), (low + high) / 2, high - low, np.zeros(total), velocity,
                 np.full(total, 2 * points, np.int32), np.zeros(total, np.int8), np.full(total, -1),
-                Ragged.grouped(owner, np.arange(len(xyz), dtype=np.int32), total),
+                Ragged.grouped(owner, np.arange(len(xyz), dtype=np.int32), total), np.zeros(total, bool),
             )
         )  # fmt: skip
         sweeps[number] = xyz
@@ -223,7 +223,7 @@ def test_a_drive_without_a_box() -> None:
                 row, center_m=row.center_m[:0], size_lwh_m=row.size_lwh_m[:0], heading_rad=row.heading_rad[:0],
                 velocity_mps=row.velocity_mps[:0], num_points=row.num_points[:0],
                 hypothesis=row.hypothesis[:0], duplicate_of=row.duplicate_of[:0],
-                point_index=Ragged(np.zeros(0, np.int32), np.zeros(0, np.int64)),
+                point_index=Ragged(np.zeros(0, np.int32), np.zeros(0, np.int64)), is_lifted=row.is_lifted[:0],
             )
             for row in empty.tables[name]
         ]  # fmt: skip

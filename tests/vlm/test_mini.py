@@ -10,7 +10,16 @@ from PIL import Image
 
 from upvl_cli.errors import BadSetting
 from upvl_cli.vlm import MODELS, model_family
-from upvl_cli.vlm.mini import BUDGET_PX, COARSE_SCALE, COARSE_WEIGHT, CONCEPTS, FILES, MAX_SCALE, WEIGHTS, Mini
+from upvl_cli.vlm.mini import (
+    BUDGET_PX,
+    COARSE_SCALE,
+    COARSE_WEIGHT,
+    CONCEPTS,
+    FILES,
+    MAX_SCALE,
+    WEIGHTS,
+    Mini,
+)
 from upvl_cli.vlm.mini_text import ATTRACTION, MiniText, normalize, unit
 
 

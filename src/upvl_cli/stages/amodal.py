@@ -110,14 +110,20 @@ def fitted_parts(
 
 
 def track_totals(inputs: Inputs) -> TrackTotals:
-    """Return what is known of each track from its points' states in all frames."""
+    """Return what is known of each track from its points' states in all frames.
+
+    Of what a 2D box shows the state is unknown: a detector outweighs the words of single points.
+    """
+    import numpy as np
+
     from upvl_cli.perception.amodal.track_parts import TrackTotals, points_of_boxes
 
     proposals, masks = inputs.table("propose", ProposalRow), inputs.table("mask", MaskRow)
     totals = TrackTotals()
     for row in inputs.table("track", TrackRow):
-        points = proposals[row.frame].point_index
-        state = masks[row.frame].background[points.values]
+        proposal = proposals[row.frame]
+        points = proposal.point_index
+        state = np.where(proposal.is_lifted[points.owner], -1, masks[row.frame].background[points.values])
         num_points = points_of_boxes(state, points.owner, row.proposal)
         totals.add(row.track_id, row.time_ns * 1e-9, num_points)
     return totals

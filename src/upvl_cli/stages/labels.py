@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from upvl_cli.config.base import Config, setting
 from upvl_cli.perception.labels.classes import CLASS_NAMES, UNKNOWN
 from upvl_cli.pipeline.stage import Stage
-from upvl_cli.stages.rows import AmodalRow, ClassifyRow, LabelRow
+from upvl_cli.stages.rows import AmodalRow, ClassifyRow, LabelRow, MatchBoxes2dRow
 
 if TYPE_CHECKING:
     from upvl_cli.pipeline.stage import Inputs
@@ -28,9 +28,9 @@ def run(inputs: Inputs, config: LabelsConfig) -> Iterator[LabelRow]:
     """Join boxes, tracks, scores and classes into the one table that users take."""
     import numpy as np
 
-    tables = inputs.table("classify", ClassifyRow)
+    tables, matches = inputs.table("classify", ClassifyRow), inputs.table("match-boxes2d", MatchBoxes2dRow)
     for row in inputs.table("nms", AmodalRow):
-        classes = tables[row.frame]
+        classes, shown = tables[row.frame], matches[row.frame]
         order = np.argsort(classes.track_id)
         place = order[np.searchsorted(classes.track_id[order], row.track_id)]
         word, number = classes.word[place], classes.type[place]
@@ -47,7 +47,12 @@ def run(inputs: Inputs, config: LabelsConfig) -> Iterator[LabelRow]:
             look_word=classes.look_word[place],
             look_share=classes.look_share[place],
             words_agree=classes.words_agree[place],
+            iou_2d=shown.iou_2d,
+            box_word=shown.word,
+            box_share=shown.share,
         )
 
 
-STAGE = Stage(name="labels", run=run, config=LabelsConfig, row=LabelRow, reads=("nms", "classify"))
+STAGE = Stage(
+    name="labels", run=run, config=LabelsConfig, row=LabelRow, reads=("nms", "classify", "match-boxes2d")
+)

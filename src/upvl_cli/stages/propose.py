@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from upvl_cli.perception.proposals.config import ProposalConfig
 from upvl_cli.pipeline.stage import Stage
-from upvl_cli.stages.rows import ExtractVlRow, FlowRow, GroundRow, MaskRow, OdometryRow, PcaRow, ProposalRow
+from upvl_cli.stages.rows import (
+    Boxes2dRow,
+    ExtractVlRow,
+    FlowRow,
+    GroundRow,
+    MaskRow,
+    OdometryRow,
+    PcaRow,
+    ProposalRow,
+)
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
+    from upvl_cli.perception.proposals.frustum import CameraBoxes
     from upvl_cli.perception.proposals.persistence import OccupancyHistory
     from upvl_cli.pipeline.stage import Inputs
     from upvl_cli.types import Array, Floats
@@ -29,13 +39,16 @@ def run(inputs: Inputs, config: ProposeConfig) -> Iterator[ProposalRow]:
     import numpy as np
 
     from upvl_cli.perception.proposals.cluster_fits import Sweep
+    from upvl_cli.perception.proposals.frustum import frustum_clusters
     from upvl_cli.perception.proposals.hypotheses import HypothesisBoxes, join_hypotheses
-    from upvl_cli.perception.proposals.propose import propose
+    from upvl_cli.perception.proposals.propose import lift, propose
     from upvl_cli.runtime.parallel import in_order
 
     flows, grounds = inputs.table("flow", FlowRow), inputs.table("ground", GroundRow)
     masks = inputs.table("mask", MaskRow)
     features, (fitted,) = inputs.table("extract-vl", ExtractVlRow), inputs.table("pca", PcaRow)
+    pictures_of = _pictures(inputs, config)
+    lifted = len(config.clustering.eps_m)  # number of the hypothesis of objects that 2D boxes show
 
     def proposals(moment: Moment) -> tuple[OdometryRow, HypothesisBoxes, Counter[str]]:
         """Return the pose and the boxes of a frame, and how much was left out, by reason."""
@@ -56,6 +69,12 @@ def run(inputs: Inputs, config: ProposeConfig) -> Iterator[ProposalRow]:
         dropped = Counter[str]()
         for hypothesis in hypotheses:
             dropped.update(hypothesis.dropped)
+        pictures = pictures_of(moment, sweep.velocity_mps)
+        if pictures:
+            given = [hypothesis.box_of_point for hypothesis in hypotheses]
+            label, counts = frustum_clusters(pictures, given, len(sweep.xyz_m), config.frustum)
+            hypotheses.append(lift(sweep, label, config))
+            dropped.update(counts)
         number = np.flatnonzero(above).astype(np.int32)
         duplicate_iou = config.clustering.duplicate_iou
         return moment.pose, join_hypotheses(hypotheses, number, duplicate_iou=duplicate_iou), dropped
@@ -75,6 +94,7 @@ def run(inputs: Inputs, config: ProposeConfig) -> Iterator[ProposalRow]:
             found.hypothesis,
             found.duplicate_of,
             found.point_index,
+            is_lifted=found.hypothesis == lifted,
         )
 
 
@@ -126,6 +146,41 @@ def _moments(inputs: Inputs, config: ProposeConfig) -> Iterator[Moment]:
         yield Moment(*coming.popleft(), step, history)
 
 
+def _pictures(inputs: Inputs, config: ProposeConfig) -> Callable[[Moment, Floats], list[CameraBoxes]]:
+    """Return the function of a frame and its points' flow that gives its pictures with boxes of people."""
+    import numpy as np
+
+    from upvl_cli.geometry.path import pose_at
+    from upvl_cli.perception.proposals.frustum import CameraBoxes
+    from upvl_cli.perception.visual.riders import merge_riders
+    from upvl_cli.perception.visual.views import move_to_time
+
+    cameras, boxes2d = inputs.drive.cameras, inputs.table("boxes2d", Boxes2dRow)
+    poses = list(inputs.table("odometry", OdometryRow))
+    times_ns, world_from_ego = [pose.time_ns for pose in poses], [pose.world_from_ego for pose in poses]
+
+    def pictures(moment: Moment, velocity_mps: Floats) -> list[CameraBoxes]:
+        row, found = boxes2d[moment.pose.frame], list[CameraBoxes]()
+        for number in np.unique(row.camera).tolist():
+            boxes = merge_riders(row.boxes2d[row.camera == number])
+            boxes = boxes[
+                np.isin(boxes.name, config.frustum.kinds) & (boxes.score >= config.frustum.min_score)
+            ]
+            if len(boxes):
+                time_ns = int(row.image_time_ns[number])
+                xyz_m = move_to_time(
+                    moment.above_m.astype(np.float64),
+                    velocity_mps,
+                    (time_ns - moment.pose.time_ns) * 1e-9,
+                    moment.pose.world_from_ego,
+                    pose_at(times_ns, np.array(world_from_ego), time_ns),
+                )
+                found.append(CameraBoxes(cameras[number], xyz_m, boxes))
+        return found
+
+    return pictures
+
+
 def _vl_feature(row: ExtractVlRow, fitted: PcaRow, config: ProposeConfig) -> Floats:
     """Return (n, d) strongest components of the features of points, 0 where there is none; d = 0 without features."""
     import numpy as np
@@ -144,6 +199,6 @@ STAGE = Stage(
     run=run,
     config=ProposeConfig,
     row=ProposalRow,
-    reads=("raw", "odometry", "ground", "flow", "pca", "extract-vl", "mask"),
-    version=4,
+    reads=("raw", "odometry", "ground", "flow", "pca", "extract-vl", "mask", "boxes2d"),
+    version=5,
 )

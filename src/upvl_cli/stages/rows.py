@@ -9,8 +9,9 @@ from upvl_cli.pipeline.stage import Row, column, columns_of
 
 if TYPE_CHECKING:
     from upvl_cli.detector.model import Detector
+    from upvl_cli.perception.labels.box_matching import FramePictures
     from upvl_cli.perception.visual.open_vocabulary import Basis
-    from upvl_cli.types import Array, Boxes, Ints, Ragged, TrackedBoxes
+    from upvl_cli.types import Array, Boxes, Boxes2d, Ints, Ragged, TrackedBoxes
 
 
 @dataclass(frozen=True)
@@ -149,6 +150,38 @@ class BoxRow(Row):
 
 
 @dataclass(frozen=True)
+class Boxes2dRow(Row):
+    """2D boxes in the pictures of one frame."""
+
+    has_image: Array = column("bool", "whether the frame has a picture of the camera", per="camera")
+    image_time_ns: Array = column("int64", "time of the picture, 0 where there is none", "ns", per="camera")
+    camera: Array = column("int8", "place of the camera among the drive's cameras", per="box")
+    xyxy_px: Array = column(
+        "float32",
+        "left, top, right and bottom edge; (0, 0) is the centre of the first pixel",
+        "px",
+        per="box",
+        shape=(4,),
+    )
+    score: Array = column("float32", "confidence of the detector, 0 to 1", per="box")
+    name: Array = column("string", "the detector's name of the kind", per="box")
+
+    @property
+    def pictures(self) -> FramePictures:
+        """The pictures with the boxes of all of them."""
+        from upvl_cli.perception.labels.box_matching import FramePictures
+
+        return FramePictures(self.has_image, self.image_time_ns, self.camera, self.boxes2d)
+
+    @property
+    def boxes2d(self) -> Boxes2d:
+        """The boxes of all cameras, without the camera."""
+        from upvl_cli.types import Boxes2d
+
+        return Boxes2d(self.xyxy_px, self.score, self.name)
+
+
+@dataclass(frozen=True)
 class ProposalRow(BoxRow):
     """Boxes of one sweep, and which points they were made from.
 
@@ -166,6 +199,7 @@ class ProposalRow(BoxRow):
     point_index: Ragged = column(
         "int32", "places of its points in the sweep, ascending", per="box", ragged=True
     )
+    is_lifted: Array = column("bool", "a 2D box shows the object: see boxes2d", per="box")
 
 
 @dataclass(frozen=True)
@@ -302,6 +336,37 @@ class ClassifyRow(Row):
 
 
 @dataclass(frozen=True)
+class MatchBoxes2dRow(Row):
+    """2D boxes of the labels of one frame, in the order of those of `nms`."""
+
+    per_box: ClassVar[bool] = True
+
+    track_id: Array = column("int64", "number of the track in its segment", per="box")
+    camera: Array = column(
+        "int8",
+        "place of the camera that shows most of the label among the drive's cameras, -1 for none",
+        per="box",
+    )
+    iou_2d: Array = column(
+        "float32",
+        "IoU, in that camera's picture, of the rectangle around the projected label with the best 2D box; 0 where none "
+        "overlaps it, -1 where no picture shows the label or there is no detector",
+        per="box",
+    )
+    name: Array = column(
+        "string", "name of the 2D box that shows the label in this frame; empty for none", per="box"
+    )
+    score: Array = column("float32", "confidence of that 2D box, 0 for none", per="box")
+    word: Array = column(
+        "string",
+        "name of the 2D boxes with the most votes of the track, in all frames; empty for none",
+        per="box",
+    )
+    share: Array = column("float32", "share of the votes of the track that the word has", per="box")
+    votes: Array = column("float32", "sum of the confidences of the 2D boxes of the track", per="box")
+
+
+@dataclass(frozen=True)
 class LabelRow(AmodalRow):
     """The auto labels of one frame: what users take."""
 
@@ -324,6 +389,16 @@ class LabelRow(AmodalRow):
     look_word: Array = _look_word()
     look_share: Array = _look_share()
     words_agree: Array = _words_agree()
+    iou_2d: Array = column(
+        "float32",
+        "IoU of the rectangle around the projected label with the best 2D box; 0 where none overlaps it, -1 where no "
+        "picture shows the label or there is no detector",
+        per="box",
+    )
+    box_word: Array = column(
+        "string", "name of the 2D boxes with the most votes of the track; empty for none", per="box"
+    )
+    box_share: Array = column("float32", "share of the votes of the track that this name has", per="box")
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,9 @@ class _MiniConv(nn.Module):
         self, before: int, after: int, kernel: int, *, stride: int = 1, groups: int = 1, cut: bool = True
     ):
         super().__init__()
-        self.conv: nn.Module = nn.Conv2d(before, after, kernel, stride, kernel // 2, groups=groups, bias=False)
+        self.conv: nn.Module = nn.Conv2d(
+            before, after, kernel, stride, kernel // 2, groups=groups, bias=False
+        )
         self.norm: nn.Module = nn.BatchNorm2d(after, eps=1e-3, momentum=0.01)
         self.cut = cut
 

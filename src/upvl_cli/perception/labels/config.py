@@ -55,3 +55,21 @@ class LookVoteConfig(Config):
         "temperature of the softmax over cosines that gives each word its share of a look", gt=0, le=1
     )
     weight: float = setting("weight of the looks where points vote too, theirs being 1 less this", ge=0, le=1)
+
+
+@dataclass(frozen=True)
+class PictureScoreConfig(Config):
+    """Settings of the scores of tracks that pictures show."""
+
+    min_weight: float = setting(
+        "factor of the score of a track in view of a camera that no 2D box overlaps in any frame; used where boxes2d "
+        "has a detector",
+        ge=0,
+        le=1,
+    )
+    full_iou: float = setting(
+        "IoU with 2D boxes, averaged over the frames of a track in view, from which on its score is kept; below it the "
+        "factor falls in a straight line",
+        gt=0,
+        le=1,
+    )

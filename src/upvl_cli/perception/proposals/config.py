@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from upvl_cli.config.base import Config, setting, table
+from upvl_cli.perception.proposals.frustum_config import FrustumConfig
 
 
 @dataclass(frozen=True)
@@ -186,3 +187,4 @@ class ProposalConfig(Config):
     persistence: PersistenceConfig = table("objects that claim to move but whose place stays occupied")
     box: ProposalBoxConfig = table("the box around the points of an object")
     crowd: CrowdConfig = table("persons who walk close together")
+    frustum: FrustumConfig = table("objects that 2D boxes show; used where boxes2d has a detector")

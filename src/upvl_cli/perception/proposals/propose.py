@@ -69,6 +69,20 @@ def propose(sweep: Sweep, history: OccupancyHistory, config: ProposalConfig) -> 
     return [_propose(sweep, history, fits, eps_m, config) for eps_m in config.clustering.eps_m]
 
 
+def lift(sweep: Sweep, label: Ints, config: ProposalConfig) -> Proposals:
+    """Return the boxes around objects that 2D boxes show: a hypothesis of its own.
+
+    Args:
+        sweep: The points.
+        label: (n,) object of each point, -1 for none; those without a point that passed the motion mask are dropped.
+        config: Settings of the boxes.
+    """
+    label, _ = drop_clusters(label, flagged_share(label, sweep.is_candidate) == 0)
+    velocity_mps = _velocities(label, sweep)
+    boxes = ClusterFits(sweep, config).boxes(label, velocity_mps)
+    return Proposals(boxes, velocity_mps, cluster_sizes(label), label, {})
+
+
 def _propose(
     sweep: Sweep, history: OccupancyHistory, fits: ClusterFits, eps_m: float, config: ProposalConfig
 ) -> Proposals:
