@@ -6,7 +6,7 @@ word of the street: its nearest word is then no nearer than chance.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -128,7 +128,7 @@ def _lines(name: str) -> list[str]:
 def _embed(model: Model, words: list[str], basis: Basis) -> tuple[tuple[str, ...], Floats]:
     once = list(dict.fromkeys(words))
     vectors = model.embed_text(once)
-    known = vectors.any(axis=1)
+    known = np.asarray(vectors.any(axis=1))
     kept = tuple(word for word, is_known in zip(once, known, strict=True) if is_known)
     return kept, basis.compact_words(vectors[known])
 
@@ -307,7 +307,7 @@ def _write_tracks(path: Path, tracks: FleetTracks, found: Suggestions) -> Path:
     return _write(path, columns)
 
 
-def _write(path: Path, columns: dict[str, object]) -> Path:
+def _write(path: Path, columns: Mapping[str, object]) -> Path:
     with atomic_file(path) as file:
         table = pa.table({name: pa.array(values) for name, values in columns.items()})
         pq.write_table(table, file, compression="zstd")

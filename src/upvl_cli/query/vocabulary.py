@@ -95,7 +95,8 @@ def default_negatives(
 ) -> Negatives:
     """Return the words of the background and of common objects that compete with the queried words.
 
-    Left out are the words of a list of `classify.toml` that is queried by its name ("vehicle"), hyponyms of a queried
+    Left out are the words of a list of `classify.toml` that is queried by its name ("vehicle") or a synonym of it
+    ("person": no "child" competes with it), hyponyms of a queried
     word ("school bus" where "bus" is queried), and synonyms: words of a cosine of at least `synonym_cosine`. A
     hypernym of a queried word competes ("truck" where "garbage truck" is queried), because the special is to be
     distinguished from the general; unless the model has nearly one vector for both (`hypernym_cosine`): then chance
@@ -108,7 +109,11 @@ def default_negatives(
         config: The two cosines.
     """
     lists = workspace.settings(classify.STAGE).lists
-    of_queried_list = {word for name, words in lists.items() if name in queried for word in words}
+    names_of_lists = workspace.model.embed_text(list(lists)) @ vectors.T >= config.synonym_cosine
+    asked = [
+        name for name, synonym in zip(lists, names_of_lists.any(axis=1).tolist(), strict=True) if synonym
+    ]
+    of_queried_list = {word for name in {*asked, *queried} if name in lists for word in lists[name]}
     common = (
         *workspace.settings(mask.STAGE).background,
         *(word for words in lists.values() for word in words),

@@ -84,9 +84,8 @@ def run(inputs: Inputs, config: ClassifyConfig) -> Iterator[ClassifyRow]:
     features, masks = inputs.table("extract-vl", ExtractVlRow), inputs.table("mask", MaskRow)
     labels = inputs.table("nms", AmodalRow)
     looks = inputs.table("looks", LooksRow)
-    types, words = (
-        of_points + of_looks for of_points, of_looks in zip(config.words, config.kind_words, strict=True)
-    )
+    types = [*config.words[0], *config.kind_words[0]]
+    words = [*config.words[1], *config.kind_words[1]]
     type_of_word, directions = np.array(types), inputs.model.embed_text(words)
     voters = directions[: len(config.words[1])]
     votes = WordVotes(

@@ -111,7 +111,7 @@ class WordVotes:
         tracks, none = track_id.tolist(), np.zeros(len(self._type_of_word))
         points = np.array([self._votes.get(track, none) for track in tracks]).reshape(-1, len(none))
         looks = np.array([self._looks.get(track, none) for track in tracks]).reshape(-1, len(none))
-        has_looks = looks.any(axis=1)
+        has_looks = np.asarray(looks.any(axis=1))
         share = combined_shares(points, looks, has_looks, self._look_weight)
         class_number, class_share = self._best_class(share)
         is_known = share.any(axis=1)
