@@ -109,10 +109,8 @@ def default_negatives(
         config: The two cosines.
     """
     lists = workspace.settings(classify.STAGE).lists
-    names_of_lists = workspace.model.embed_text(list(lists)) @ vectors.T >= config.synonym_cosine
-    asked = [
-        name for name, synonym in zip(lists, names_of_lists.any(axis=1).tolist(), strict=True) if synonym
-    ]
+    likeness = workspace.model.embed_text(list(lists)) @ vectors.T
+    asked = [name for name, row in zip(lists, likeness, strict=True) if (row >= config.synonym_cosine).any()]
     of_queried_list = {word for name in {*asked, *queried} if name in lists for word in lists[name]}
     common = (
         *workspace.settings(mask.STAGE).background,
