@@ -8,6 +8,7 @@ synonym finds what its class finds, and a word between two classes finds a littl
 
 from __future__ import annotations
 
+import glob
 import math
 from collections.abc import Sequence
 from functools import cached_property
@@ -70,8 +71,9 @@ def files(weights: str) -> tuple[Path, ...]:
             f"{setting}: there is no {graph.with_suffix('.json').name} beside it; write it with the keys "
             f"{', '.join(KEYS)} (docs/models.md has an example)"
         )
-    # Exporters may lay weights beside the graph.
-    beside = sorted([graph, graph.with_suffix(".json"), *graph.parent.glob(f"{graph.name}*.data")])
+    # Exporters may lay weights beside the graph, as NAME.onnx.data, NAME.onnx_data or NAME.data.
+    data = graph.parent.glob(f"{glob.escape(graph.stem)}.*data")
+    beside = sorted([graph, graph.with_suffix(".json"), *data])
     return (*beside, *mini.files("")[1:])
 
 
@@ -203,7 +205,7 @@ def _probabilities(output: Array, path: Path) -> Floats:
             return np.where(total > 0, scores / np.where(total > 0, total, 1), np.float32(1 / CLASSES))
         exponential = np.exp(scores - scores.max(axis=-1, keepdims=True))
         return np.asarray(exponential / exponential.sum(axis=-1, keepdims=True))
-    if shape[0] == 1 and (len(shape) == 3 or (len(shape) == 4 and shape[1] == 1)):
+    if (len(shape) == 3 and shape[0] == 1) or (len(shape) == 4 and shape[:2] == (1, 1)):
         number = output.reshape(shape[-2:])
         known = (number >= 0) & (number < CLASSES)
         one_hot = np.eye(CLASSES, dtype=np.float32)[np.where(known, number, 0).astype(np.int64)]

@@ -119,3 +119,17 @@ def test_a_feature_without_length_has_the_cosine_of_the_mean() -> None:
     np.testing.assert_allclose(
         basis.cosines(codes, np.array([[1.0, 0], [0, 1], [0.6, 0.8]])), [[1, 0, 0.6]], atol=1e-6
     )
+
+
+def test_features_of_few_classes_have_few_axes() -> None:
+    """Five directions differ along four axes: what the decomposition gives beyond them is rounding."""
+    rng = np.random.default_rng(12)
+    classes = rng.normal(size=(5, 192)).astype(np.float32)
+    classes /= np.linalg.norm(classes, axis=1, keepdims=True)
+    basis = fit((classes[rng.integers(5, size=300)] for _ in range(3)), 192)
+    np.testing.assert_array_equal(basis.components.any(axis=1), np.arange(COMPONENTS) < 4)
+    np.testing.assert_array_equal(basis.scale > 0, np.arange(COMPONENTS) < 4)
+    words = rng.normal(size=(7, 192)).astype(np.float32)
+    words /= np.linalg.norm(words, axis=1, keepdims=True)
+    codes = basis.quantize(basis.project(classes))
+    np.testing.assert_allclose(basis.cosines(codes, words), classes @ words.T, atol=0.01)

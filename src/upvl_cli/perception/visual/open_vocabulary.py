@@ -17,6 +17,9 @@ from upvl_cli.types import Array, Floats, Ints
 
 COMPONENTS = 64  # of a stored feature (UP-VL, Section 4); the schema of the shards has this length
 _MAX_CODE = 127  # int8, the same in both directions
+# Axes whose singular value is a smaller share of the largest are rounding errors of float32: they depend on the
+# machine and mean nothing. A model of few classes has features on few axes.
+_MIN_SINGULAR = 1e-4
 
 
 @dataclass(frozen=True)
@@ -25,7 +28,7 @@ class Basis:
 
     Attributes:
         mean: (d,) mean m of the features, all of length 1.
-        components: (COMPONENTS, d) principal axes W; rows of zeros where the model has fewer dimensions.
+        components: (COMPONENTS, d) principal axes W; rows of zeros where the features have fewer dimensions.
         scale: (COMPONENTS,) step of the quantization of each component.
         variance_kept: Share of the variance along the components, 0 to 1.
     """
@@ -118,6 +121,8 @@ def fit(batches: Iterable[Floats], dim: int) -> Basis:
         largest[: len(reach)] = np.maximum(largest[: len(reach)], reach)
     components = np.zeros((COMPONENTS, dim), dtype=np.float32)
     components[: len(pca.components_)] = pca.components_
+    rank = int((pca.singular_values_ > _MIN_SINGULAR * pca.singular_values_.max()).sum())
+    components[rank:], largest[rank:] = 0, 0
     return Basis(
         pca.mean_.astype(np.float32),
         components,
