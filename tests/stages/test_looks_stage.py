@@ -67,14 +67,19 @@ def street(states: list[list[int]], pictures: dict[int, np.ndarray]) -> MemoryIn
     for frame, state in enumerate(states):
         x_m = 12.0 - 2 * frame
         boxes = Boxes.from_rows(np.array([[x_m, 3, 0, 2, 2, 2, 0], [x_m, -3, 0, 2, 2, 2, 0]]))
-        drive.xyz_ego_m[frame] = np.repeat(boxes.center_m, 3, axis=0) + np.tile([[0, 0.2, 0], [0, 0, 0], [0, 0, 0.3]], (2, 1))
+        drive.xyz_ego_m[frame] = np.repeat(boxes.center_m, 3, axis=0) + np.tile(
+            [[0, 0.2, 0], [0, 0, 0], [0, 0, 0.3]], (2, 1)
+        )
         seen = np.array(state, np.int8)
         tables["odometry"].append(
             OdometryRow(SEGMENT, frame, frame * 10**8, np.eye(4), True, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0)
         )
         tables["extract-vl"].append(
             ExtractVlRow(
-                SEGMENT, frame, seen, np.where(seen == SEEN, 0, -1).astype(np.int8),
+                SEGMENT,
+                frame,
+                seen,
+                np.where(seen == SEEN, 0, -1).astype(np.int8),
                 np.zeros(((seen == SEEN).sum(), COMPONENTS), np.int8),
             )  # fmt: skip
         )

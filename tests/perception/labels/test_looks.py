@@ -113,7 +113,9 @@ def test_a_rectangle_holds_the_box_as_far_as_the_picture_goes() -> None:
     np.testing.assert_allclose(object_rectangle(CAMERA, corners + [4, 0, 0], one), [100.5, 37.5, 200, 62.5])
     # A corner behind the camera has no pixel: the points alone say where the object is.
     points = np.array([[20.0, 30], [60, 40]])
-    np.testing.assert_allclose(object_rectangle(CAMERA, corners - [0, 0, 4.5], points), [20.5, 30.5, 60.5, 40.5])
+    np.testing.assert_allclose(
+        object_rectangle(CAMERA, corners - [0, 0, 4.5], points), [20.5, 30.5, 60.5, 40.5]
+    )
 
 
 def test_a_crop_has_some_of_the_surroundings_and_knows_its_place() -> None:
