@@ -105,7 +105,7 @@ class MiniNetwork(nn.Module):
         # Global context: the mean of the coarsest features.
         y = self.scene(x.mean(dim=(2, 3), keepdim=True))
         for side, mix, feed in zip(self.sides, self.mixes, reversed(feeds[1:]), strict=True):
-            wide = y if y.shape[-2:] == feed.shape[-2:] or y.shape[-1] == 1 else _twice(y)
+            wide = y if y.shape[-2:] in ((1, 1), feed.shape[-2:]) else _twice(y)
             y = mix(functional.relu(side(feed) + wide))
         y = functional.relu(self.fine(feeds[0]) + _twice(self.thin(y)))
         features: Tensor = self.point(self.last(y))
