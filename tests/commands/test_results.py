@@ -12,7 +12,8 @@ import pytest
 import upvl_cli as upvl
 from upvl_cli.errors import BadSetting, NotMade
 from upvl_cli.pipeline.tables import write
-from upvl_cli.stages.rows import FlowRow, LabelRow, ObjectRow, TrackRow, without_looks
+from upvl_cli.stages.rows import FlowRow, LabelRow, ObjectRow, TrackRow
+from upvl_cli.stages.shared_columns import without_looks
 from upvl_cli.types import Ragged
 
 # Of each drive the boxes of its two frames: their class and length.

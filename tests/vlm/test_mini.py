@@ -212,3 +212,10 @@ def test_models_are_named_with_their_weights() -> None:
         model_family("clipp:/models/b16")
     with pytest.raises(BadSetting, match="mini brings its own weights"):
         MODELS["mini"].files("/models/mine")
+
+
+@pytest.mark.parametrize("size", [(60, 20), (20, 60), (130, 12), (12, 12)])
+def test_narrow_pictures_have_features_too(model: Mini, size: tuple[int, int]) -> None:
+    rgb = np.random.default_rng(0).integers(0, 255, (*size, 3), dtype=np.uint8)
+    features = model.embed_image(rgb)
+    np.testing.assert_allclose(np.linalg.norm(features, axis=-1), 1, atol=1e-3)

@@ -43,8 +43,8 @@ class QueryConfig(Config):
     """Settings of `query` and `words`."""
 
     by: Literal["vote", "mean"] = setting(
-        "what classifies a box: vote lets each of its points vote for the word of highest cosine, mean compares "
-        "the mean feature of the box"
+        "what classifies a box: vote lets each of its points vote for the word of highest cosine, and the looks at "
+        "its track have a say; mean compares the mean feature of the box alone"
     )
     search: bool = setting(
         "whether all objects are ranked by their mean feature first, and only the best candidates classified"

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, ClassVar, TypeVar
 
 from upvl_cli.pipeline.stage import Row, column, columns_of
+from upvl_cli.stages import shared_columns
 
 if TYPE_CHECKING:
     from upvl_cli.detector.model import Detector
@@ -261,45 +262,6 @@ def select(row: B, index: Ints) -> B:
     return replace(row, **{name: getattr(row, name)[index] for name in names})
 
 
-def _num_looks() -> Any:
-    return column("int32", "pictures of its track that were looked at, 0 where none shows it well", per="box")
-
-
-def _look_feature() -> Any:
-    return column(
-        "int8",
-        "mean feature of the looks at its track, to be scaled by pca's steps; zeros without a look",
-        per="box",
-        shape=(64,),
-    )
-
-
-def _look_word() -> Any:
-    return column(
-        "string",
-        "word that the looks at the track are nearest to, the second and the third; empty without a look",
-        per="box",
-        names=("look_word_1", "look_word_2", "look_word_3"),
-    )
-
-
-def _look_share() -> Any:
-    return column(
-        "float32",
-        "share that this word has among all words by the looks, 0 without a look",
-        per="box",
-        names=("look_share_1", "look_share_2", "look_share_3"),
-    )
-
-
-def _words_agree() -> Any:
-    return column(
-        "bool",
-        "whether points and looks alone give the track the same class; true where one of the two is missing",
-        per="box",
-    )
-
-
 @dataclass(frozen=True)
 class LooksRow(Row):
     """What pictures of whole tracks show, for each label of one frame, to be joined with those of `nms` by track."""
@@ -307,8 +269,8 @@ class LooksRow(Row):
     per_box: ClassVar[bool] = True
 
     track_id: Array = column("int64", "number of the track in its segment", per="box")
-    num_looks: Array = _num_looks()
-    look_feature: Array = _look_feature()
+    num_looks: Array = shared_columns.num_looks()
+    look_feature: Array = shared_columns.look_feature()
 
 
 @dataclass(frozen=True)
@@ -329,10 +291,10 @@ class ClassifyRow(Row):
     share: Array = column(
         "float32", "share of the votes of the track's points and looks that the class has", per="box"
     )
-    num_looks: Array = _num_looks()
-    look_word: Array = _look_word()
-    look_share: Array = _look_share()
-    words_agree: Array = _words_agree()
+    num_looks: Array = shared_columns.num_looks()
+    look_word: Array = shared_columns.look_word()
+    look_share: Array = shared_columns.look_share()
+    words_agree: Array = shared_columns.words_agree()
 
 
 @dataclass(frozen=True)
@@ -385,10 +347,10 @@ class LabelRow(AmodalRow):
         "float32", "share of the votes of the track's points and looks that the class has", per="box"
     )
     is_moving: Array = column("bool", "at least as fast as moving_mps in this frame", per="box")
-    num_looks: Array = _num_looks()
-    look_word: Array = _look_word()
-    look_share: Array = _look_share()
-    words_agree: Array = _words_agree()
+    num_looks: Array = shared_columns.num_looks()
+    look_word: Array = shared_columns.look_word()
+    look_share: Array = shared_columns.look_share()
+    words_agree: Array = shared_columns.words_agree()
     iou_2d: Array = column(
         "float32",
         "IoU of the rectangle around the projected label with the best 2D box; 0 where none overlaps it, -1 where no "
@@ -430,25 +392,8 @@ class ObjectSummaryRow(ScoredBoxRow):
         per="box",
         shape=(64,),
     )
-    num_looks: Array = _num_looks()
-    look_feature: Array = _look_feature()
-
-
-def without_looks(boxes: int) -> dict[str, Array]:
-    """Return the columns of boxes that no picture was looked at for: a detector sees none."""
-    import numpy as np
-
-    return {"num_looks": np.zeros(boxes, np.int32), "look_feature": np.zeros((boxes, 64), np.int8)}
-
-
-def _point_feature() -> Any:
-    return column(
-        "int8",
-        "values of the feature of each point of the box, to be scaled by pca's steps",
-        per="box",
-        shape=(64,),
-        ragged=True,
-    )
+    num_looks: Array = shared_columns.num_looks()
+    look_feature: Array = shared_columns.look_feature()
 
 
 @dataclass(frozen=True)
@@ -457,14 +402,14 @@ class PointFeatureRow(Row):
 
     per_box: ClassVar[bool] = True
 
-    point_feature: Ragged = _point_feature()
+    point_feature: Ragged = shared_columns.point_feature()
 
 
 @dataclass(frozen=True)
 class ObjectRow(ObjectSummaryRow):
     """Boxes of one frame with the vision-language features of the points inside of them: what a query reads."""
 
-    point_feature: Ragged = _point_feature()
+    point_feature: Ragged = shared_columns.point_feature()
 
 
 @dataclass(frozen=True)
