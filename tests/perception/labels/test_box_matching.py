@@ -70,16 +70,9 @@ def test_the_picture_that_shows_most_of_it_is_asked() -> None:
     views = [view([CUBE], [("car", FACE, 0.9)]), view([CUBE], [("bus", large, 0.8)], focal_px=200.0)]
     found = match_boxes(views, 1, min_iou=0.4)
     assert (found.view.tolist(), found.name.tolist()) == ([1], ["bus"])
-    near = [
-        0.6,
-        0,
-        0,
-        1,
-        0.4,
-        0.4,
-        0,
-    ]  # 0.1 m ahead: at 200 px a ninth is in the picture, at 100 px two ninths
-    views = [view([near], []), view([near], [], focal_px=200.0)]
+    # At the border a larger picture of two thirds of it is worth less than one of all of it.
+    beside = [11.0, 7.7, 0, 2, 2, 2, 0]
+    views = [view([beside], []), view([beside], [], focal_px=130.0)]
     assert match_boxes(views, 1, min_iou=0.4).view.tolist() == [0]
 
 
