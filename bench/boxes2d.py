@@ -30,7 +30,8 @@ from upvl_cli.geometry.camera import project
 from upvl_cli.geometry.iou import iou_3d
 from upvl_cli.pipeline.presets import make_labels, preset_workspace
 from upvl_cli.pipeline.workspace import Workspace
-from upvl_cli.stages.rows import AmodalRow, MatchBoxes2dRow
+from upvl_cli.stages.picture_rows import MatchBoxes2dRow
+from upvl_cli.stages.rows import AmodalRow
 from upvl_cli.synthetic.kind import CYCLIST, PEDESTRIAN, VEHICLE
 from upvl_cli.synthetic.labels import is_labelled
 from upvl_cli.types import Labels

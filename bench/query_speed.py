@@ -32,7 +32,8 @@ from upvl_cli.query.find import find
 from upvl_cli.query.run import query_config
 from upvl_cli.query.store import open_store
 from upvl_cli.query.vocabulary import build_vocabulary
-from upvl_cli.stages.rows import ObjectRow, PcaRow
+from upvl_cli.stages.picture_rows import PcaRow
+from upvl_cli.stages.rows import ObjectRow
 from upvl_cli.types import Ragged
 from upvl_cli.vlm.mini import Mini
 from workspaces import on_kitti

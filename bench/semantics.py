@@ -19,7 +19,7 @@ from upvl_cli.perception.visual.views import SEEN
 from upvl_cli.pipeline.inputs import ShardInputs
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.stages import semantics
-from upvl_cli.stages.rows import ExtractVlRow, PcaRow
+from upvl_cli.stages.picture_rows import ExtractVlRow, PcaRow
 from upvl_cli.synthetic.kind import CYCLIST, PEDESTRIAN
 from upvl_cli.synthetic.kinds import KINDS
 from upvl_cli.types import Array

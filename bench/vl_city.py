@@ -16,7 +16,7 @@ import numpy as np
 from upvl_cli.commands.pipeline import PIPELINE
 from upvl_cli.perception.visual.views import SEEN
 from upvl_cli.pipeline.workspace import Workspace
-from upvl_cli.stages.rows import ExtractVlRow, PcaRow
+from upvl_cli.stages.picture_rows import ExtractVlRow, PcaRow
 from upvl_cli.synthetic.kind import CYCLIST, PEDESTRIAN, VEHICLE
 from upvl_cli.synthetic.kinds import KINDS
 from upvl_cli.synthetic.piece import STUFF

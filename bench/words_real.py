@@ -19,7 +19,8 @@ from upvl_cli.datasets.label_registry import label_source
 from upvl_cli.geometry.boxes import points_inside
 from upvl_cli.perception.visual.views import SEEN
 from upvl_cli.pipeline.workspace import Workspace
-from upvl_cli.stages.rows import ExtractVlRow, GroundRow, PcaRow
+from upvl_cli.stages.picture_rows import ExtractVlRow, PcaRow
+from upvl_cli.stages.rows import GroundRow
 from workspaces import make, on_drives
 
 GROUPS = {

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from upvl_cli.stages.rows import AmodalRow, Boxes2dRow, ClassifyRow, LooksRow
+from upvl_cli.stages.picture_rows import Boxes2dRow, LooksRow
+from upvl_cli.stages.rows import AmodalRow, ClassifyRow
 from upvl_cli.types import Boxes, Boxes2d, Camera, Points, empty
 
 SEGMENT = "drive"

@@ -17,7 +17,8 @@ from test_windowed_stages import scene, tracked
 from upvl_cli.config.toml import load
 from upvl_cli.pipeline.tables import Table, write
 from upvl_cli.stages import amodal, boxes2d, match_boxes2d
-from upvl_cli.stages.rows import Boxes2dRow, OdometryRow
+from upvl_cli.stages.picture_rows import Boxes2dRow
+from upvl_cli.stages.rows import OdometryRow
 from upvl_cli.types import Boxes, Boxes2d, Camera, Frame, Image
 
 STAGES = Path(__file__).parents[2] / "stages"

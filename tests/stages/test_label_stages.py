@@ -15,15 +15,8 @@ from upvl_cli.perception.visual.open_vocabulary import COMPONENTS, Basis
 from upvl_cli.perception.visual.views import NO_VIEW, SEEN
 from upvl_cli.pipeline.tables import write
 from upvl_cli.stages import classify, labels, nms, pool_features
-from upvl_cli.stages.rows import (
-    AmodalRow,
-    ExtractVlRow,
-    LabelRow,
-    MaskRow,
-    MatchBoxes2dRow,
-    OdometryRow,
-    PcaRow,
-)
+from upvl_cli.stages.picture_rows import ExtractVlRow, MatchBoxes2dRow, PcaRow
+from upvl_cli.stages.rows import AmodalRow, LabelRow, MaskRow, OdometryRow
 from upvl_cli.types import Boxes, Boxes2d, Camera
 
 STREET = Boxes.from_rows(

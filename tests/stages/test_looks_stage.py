@@ -12,7 +12,8 @@ from upvl_cli.perception.labels.config import LookChoiceConfig, LookCropConfig
 from upvl_cli.perception.visual.open_vocabulary import COMPONENTS, Basis
 from upvl_cli.perception.visual.views import NO_VIEW, OCCLUDED, SEEN
 from upvl_cli.stages import looks
-from upvl_cli.stages.rows import ExtractVlRow, MaskRow, OdometryRow, PcaRow
+from upvl_cli.stages.picture_rows import ExtractVlRow, PcaRow
+from upvl_cli.stages.rows import MaskRow, OdometryRow
 from upvl_cli.types import Boxes, Camera, Image
 
 # x ahead, y left, z up; the camera looks ahead.

@@ -12,8 +12,9 @@ from memory_inputs import SEGMENT, MemoryDrive, MemoryInputs, boxes2d_row
 from upvl_cli.config.toml import load
 from upvl_cli.perception.visual.open_vocabulary import COMPONENTS
 from upvl_cli.perception.visual.views import NO_VIEW, SEEN
+from upvl_cli.stages.picture_rows import ExtractVlRow, PcaRow
 from upvl_cli.stages.propose import ProposeConfig, run
-from upvl_cli.stages.rows import ExtractVlRow, FlowRow, GroundRow, MaskRow, OdometryRow, PcaRow, ProposalRow
+from upvl_cli.stages.rows import FlowRow, GroundRow, MaskRow, OdometryRow, ProposalRow
 
 SHIPPED = load(ProposeConfig, Path(__file__).parents[2] / "stages" / "propose.toml")
 CONFIG = replace(SHIPPED, clustering=replace(SHIPPED.clustering, eps_m=(0.6,)))

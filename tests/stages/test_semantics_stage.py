@@ -15,7 +15,8 @@ from upvl_cli.errors import BadSetting
 from upvl_cli.perception.visual.open_vocabulary import COMPONENTS, Basis
 from upvl_cli.perception.visual.views import OCCLUDED, SEEN
 from upvl_cli.stages import semantics
-from upvl_cli.stages.rows import ExtractVlRow, FlowRow, OdometryRow, PcaRow
+from upvl_cli.stages.picture_rows import ExtractVlRow, PcaRow
+from upvl_cli.stages.rows import FlowRow, OdometryRow
 from upvl_cli.types import Boxes
 
 CONFIG = load(semantics.SemanticsConfig, Path(__file__).parents[2] / "stages" / "semantics.toml")

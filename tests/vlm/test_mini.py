@@ -85,7 +85,9 @@ def test_phrases_are_made_plain(given: str, expected: str) -> None:
     assert normalize(given) == expected
 
 
-@pytest.mark.parametrize(("height", "width"), [(64, 96), (61, 90), (375, 1242), (900, 1600), (400, 20), (6, 5)])
+@pytest.mark.parametrize(
+    ("height", "width"), [(64, 96), (61, 90), (375, 1242), (900, 1600), (400, 20), (6, 5)]
+)
 def test_cells_cover_the_picture(model: Mini, height: int, width: int) -> None:
     picture = np.random.default_rng(0).integers(0, 255, (height, width, 3), dtype=np.uint8)
     cells = model.embed_image(picture)

@@ -15,7 +15,8 @@ from upvl_cli.perception.visual.pixel_features import move_to_image_time
 from upvl_cli.perception.visual.views import SEEN
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.stages import extract_vl
-from upvl_cli.stages.rows import ExtractVlRow, FlowRow, OdometryRow, PcaRow, SemanticsRow
+from upvl_cli.stages.picture_rows import ExtractVlRow, PcaRow, SemanticsRow
+from upvl_cli.stages.rows import FlowRow, OdometryRow
 from upvl_cli.types import Ints
 
 

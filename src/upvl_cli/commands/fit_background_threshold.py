@@ -17,7 +17,8 @@ from upvl_cli.perception.background.threshold import minimum_error_threshold
 from upvl_cli.perception.visual.views import SEEN
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.stages import mask
-from upvl_cli.stages.rows import ExtractVlRow, GroundRow, PcaRow
+from upvl_cli.stages.picture_rows import ExtractVlRow, PcaRow
+from upvl_cli.stages.rows import GroundRow
 from upvl_cli.types import Array, Floats
 
 

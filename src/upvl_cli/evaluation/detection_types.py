@@ -13,7 +13,8 @@ from upvl_cli.perception.labels.point_features import foreground_points
 from upvl_cli.pipeline.tables import Table
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.stages import classify
-from upvl_cli.stages.rows import ExtractVlRow, MaskRow, ObjectRow, PcaRow, TrainRow
+from upvl_cli.stages.picture_rows import ExtractVlRow, PcaRow
+from upvl_cli.stages.rows import MaskRow, ObjectRow, TrainRow
 from upvl_cli.types import Ints
 
 

@@ -14,7 +14,7 @@ from upvl_cli.pipeline.stage import WHOLE_DATASET
 from upvl_cli.pipeline.tables import Table, footer_digest, read_footer
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.stages import classify
-from upvl_cli.stages.rows import PcaRow
+from upvl_cli.stages.picture_rows import PcaRow
 
 STAGE_OF = {"labels": "pool-features", "detections": "detect"}
 HOW_TO_MAKE = {

@@ -10,7 +10,7 @@ from upvl_cli.boxes2d import NONE, box_source_family
 from upvl_cli.boxes2d.config import SuppressionConfig
 from upvl_cli.config.base import Config, setting, table
 from upvl_cli.pipeline.stage import Stage
-from upvl_cli.stages.rows import Boxes2dRow
+from upvl_cli.stages.picture_rows import Boxes2dRow
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -10,7 +10,8 @@ from upvl_cli.config.base import Config, setting, table
 from upvl_cli.perception.labels.classes import CLASS_NAMES, CYCLIST, OTHER, PEDESTRIAN, VEHICLE
 from upvl_cli.perception.labels.config import LookVoteConfig
 from upvl_cli.pipeline.stage import Stage
-from upvl_cli.stages.rows import AmodalRow, ClassifyRow, ExtractVlRow, LooksRow, MaskRow, PcaRow
+from upvl_cli.stages.picture_rows import ExtractVlRow, LooksRow, PcaRow
+from upvl_cli.stages.rows import AmodalRow, ClassifyRow, MaskRow
 
 if TYPE_CHECKING:
     from upvl_cli.pipeline.stage import Inputs

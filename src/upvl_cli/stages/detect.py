@@ -10,7 +10,8 @@ from upvl_cli.config.base import Config, table
 from upvl_cli.detector.config import DecodeConfig, GroundingConfig
 from upvl_cli.perception.tracking.config import SmoothingConfig, TrackerConfig
 from upvl_cli.pipeline.stage import Stage
-from upvl_cli.stages.rows import GroundRow, ObjectRow, OdometryRow, PcaRow, TrainRow
+from upvl_cli.stages.picture_rows import PcaRow
+from upvl_cli.stages.rows import GroundRow, ObjectRow, OdometryRow, TrainRow
 from upvl_cli.stages.shared_columns import without_looks
 
 if TYPE_CHECKING:

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Literal
 from upvl_cli.config.base import Config, setting, table
 from upvl_cli.perception.visual.config import VisibilityConfig
 from upvl_cli.pipeline.stage import Stage
-from upvl_cli.stages.rows import ExtractVlRow, FlowRow, GroundRow, OdometryRow, PcaRow
+from upvl_cli.stages.picture_rows import ExtractVlRow, PcaRow
+from upvl_cli.stages.rows import FlowRow, GroundRow, OdometryRow
 
 if TYPE_CHECKING:
     from upvl_cli.perception.visual.pixel_features import SweepVisibility

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 from upvl_cli.config.base import Config, setting
 from upvl_cli.perception.labels.classes import CLASS_NAMES, UNKNOWN
 from upvl_cli.pipeline.stage import Stage
-from upvl_cli.stages.rows import AmodalRow, ClassifyRow, LabelRow, MatchBoxes2dRow
+from upvl_cli.stages.picture_rows import MatchBoxes2dRow
+from upvl_cli.stages.rows import AmodalRow, ClassifyRow, LabelRow
 
 if TYPE_CHECKING:
     from upvl_cli.pipeline.stage import Inputs

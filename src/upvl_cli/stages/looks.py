@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 from upvl_cli.config.base import Config, table
 from upvl_cli.perception.labels.config import LookChoiceConfig, LookCropConfig
 from upvl_cli.pipeline.stage import Stage
-from upvl_cli.stages.rows import AmodalRow, ExtractVlRow, LooksRow, MaskRow, OdometryRow, PcaRow
+from upvl_cli.stages.picture_rows import ExtractVlRow, LooksRow, PcaRow
+from upvl_cli.stages.rows import AmodalRow, MaskRow, OdometryRow
 
 if TYPE_CHECKING:
     from collections.abc import Callable

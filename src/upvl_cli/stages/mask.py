@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Literal
 from upvl_cli.config.base import Config, setting, table
 from upvl_cli.perception.background.config import PlaceMemoryConfig, ShapeClassifierConfig
 from upvl_cli.pipeline.stage import Stage
-from upvl_cli.stages.rows import ExtractVlRow, FlowRow, GroundRow, MaskRow, OdometryRow, PcaRow
+from upvl_cli.stages.picture_rows import ExtractVlRow, PcaRow
+from upvl_cli.stages.rows import FlowRow, GroundRow, MaskRow, OdometryRow
 
 if TYPE_CHECKING:
     from upvl_cli.perception.background.completion import BackgroundCompletion, SweepBackground

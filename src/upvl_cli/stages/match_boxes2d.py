@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from upvl_cli.config.base import Config, setting
 from upvl_cli.pipeline.stage import Stage
-from upvl_cli.stages.rows import AmodalRow, Boxes2dRow, MatchBoxes2dRow, OdometryRow
+from upvl_cli.stages.picture_rows import Boxes2dRow, MatchBoxes2dRow
+from upvl_cli.stages.rows import AmodalRow, OdometryRow
 
 if TYPE_CHECKING:
     from upvl_cli.perception.labels.box_matching import Matches

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 from upvl_cli.config.base import Config, setting, table
 from upvl_cli.perception.labels.config import PictureScoreConfig, SizeConfig
 from upvl_cli.pipeline.stage import Stage
-from upvl_cli.stages.rows import AmodalRow, Boxes2dRow, OdometryRow
+from upvl_cli.stages.picture_rows import Boxes2dRow
+from upvl_cli.stages.rows import AmodalRow, OdometryRow
 
 if TYPE_CHECKING:
     from upvl_cli.perception.labels.picture_score import PictureFits

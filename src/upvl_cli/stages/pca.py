@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from upvl_cli.config.base import Config, setting
 from upvl_cli.pipeline.stage import Stage
-from upvl_cli.stages.rows import PcaRow
+from upvl_cli.stages.picture_rows import PcaRow
 
 if TYPE_CHECKING:
     from upvl_cli.pipeline.stage import Inputs

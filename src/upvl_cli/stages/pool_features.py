@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from upvl_cli.config.base import Config
 from upvl_cli.pipeline.stage import Stage
-from upvl_cli.stages.rows import AmodalRow, ExtractVlRow, LooksRow, MaskRow, ObjectRow, PcaRow
+from upvl_cli.stages.picture_rows import ExtractVlRow, LooksRow, PcaRow
+from upvl_cli.stages.rows import AmodalRow, MaskRow, ObjectRow
 
 if TYPE_CHECKING:
     from upvl_cli.pipeline.stage import Inputs

@@ -9,16 +9,8 @@ from typing import TYPE_CHECKING
 
 from upvl_cli.perception.proposals.config import ProposalConfig
 from upvl_cli.pipeline.stage import Stage
-from upvl_cli.stages.rows import (
-    Boxes2dRow,
-    ExtractVlRow,
-    FlowRow,
-    GroundRow,
-    MaskRow,
-    OdometryRow,
-    PcaRow,
-    ProposalRow,
-)
+from upvl_cli.stages.picture_rows import Boxes2dRow, ExtractVlRow, PcaRow
+from upvl_cli.stages.rows import FlowRow, GroundRow, MaskRow, OdometryRow, ProposalRow
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree

@@ -10,7 +10,8 @@ from upvl_cli.config.base import Config, setting, table
 from upvl_cli.errors import BadSetting
 from upvl_cli.perception.semantics.config import FusionConfig
 from upvl_cli.pipeline.stage import Stage
-from upvl_cli.stages.rows import AmodalRow, ExtractVlRow, FlowRow, OdometryRow, PcaRow, SemanticsRow
+from upvl_cli.stages.picture_rows import ExtractVlRow, PcaRow, SemanticsRow
+from upvl_cli.stages.rows import AmodalRow, FlowRow, OdometryRow
 
 if TYPE_CHECKING:
     from upvl_cli.perception.semantics.fusion import SweepScores

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 from upvl_cli.detector.config import TrainConfig
 from upvl_cli.pipeline.stage import Stage
-from upvl_cli.stages.rows import AmodalRow, ExtractVlRow, OdometryRow, PcaRow, TrainRow
+from upvl_cli.stages.picture_rows import ExtractVlRow, PcaRow
+from upvl_cli.stages.rows import AmodalRow, OdometryRow, TrainRow
 
 if TYPE_CHECKING:
     from upvl_cli.detector.data.frames import DriveFrames, Source
