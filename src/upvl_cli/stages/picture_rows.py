@@ -26,8 +26,7 @@ class PcaRow(Row):
     @property
     def basis(self) -> Basis:
         """The basis itself."""
-        from upvl_cli.perception.labels.box_matching import FramePictures
-    from upvl_cli.perception.visual.open_vocabulary import Basis
+        from upvl_cli.perception.visual.open_vocabulary import Basis
 
         return Basis(self.mean, self.components.reshape(-1, len(self.mean)), self.scale, self.variance_kept)
 
