@@ -12,7 +12,8 @@ from upvl_cli.pipeline.pipeline import AnyStage
 _INTRODUCTION = """\
 # The tables
 
-Made by `make docs` from the declarations in `rows.py` and `picture_rows.py` of `src/upvl_cli/stages`; a test compares the two.
+Made by `make docs` from the declarations in `src/upvl_cli/stages/rows.py` and `picture_rows.py`; a test
+compares the two.
 
 Each stage writes one Parquet file a drive, `out/STAGE/SEGMENT.parquet`, or one for all drives, `out/STAGE/all.parquet`.
 pandas, polars and duckdb read them without upvl. `out/labels/` is the table that users take.
