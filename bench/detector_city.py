@@ -32,6 +32,7 @@ from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.query.classes import classes_from_phrases
 from upvl_cli.query.filters import Filters
 from upvl_cli.query.find import find
+from upvl_cli.query.kinds import with_kinds
 from upvl_cli.query.run import query_config
 from upvl_cli.query.store import open_store
 from upvl_cli.query.vocabulary import build_vocabulary
@@ -136,7 +137,7 @@ def _asked(folder: Path, drives: list[str], on: str, by: str) -> None:
     labels = {name: source.labels(name) for name in drives}
     print(f"asked of {on}, by {by}: boxes of the kind with 6 points or more found, and hits on another thing")
     for phrase in ASKED:
-        classes = classes_from_phrases([phrase])
+        classes = with_kinds(classes_from_phrases([phrase]), workspace.settings(PIPELINE.by_name["classify"]))
         vocabulary = build_vocabulary(workspace, classes, config, check_spelling=True)
         hits = find(open_store(workspace, on), vocabulary, Filters(segments=drives), config).hits
         wanted = found = right = 0

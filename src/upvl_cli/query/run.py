@@ -16,8 +16,10 @@ from upvl_cli.query.classes import Classes
 from upvl_cli.query.config import QueryConfig
 from upvl_cli.query.filters import Filters
 from upvl_cli.query.find import find
+from upvl_cli.query.kinds import with_kinds
 from upvl_cli.query.store import STAGE_OF, Store, open_store
 from upvl_cli.query.vocabulary import build_vocabulary
+from upvl_cli.stages import classify
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,8 @@ def query(workspace: Workspace, request: Request) -> Iterator[Table | str]:
         NotMade: There is nothing to search yet.
     """
     config = query_config(workspace, request.values)
-    vocabulary = build_vocabulary(workspace, request.classes, config, check_spelling=request.check_spelling)
+    classes = with_kinds(request.classes, workspace.settings(classify.STAGE))
+    vocabulary = build_vocabulary(workspace, classes, config, check_spelling=request.check_spelling)
     store = open_store(workspace, request.source)
     check_segments(workspace, store, request.filters.segments)
     result = find(store, vocabulary, request.filters, config)

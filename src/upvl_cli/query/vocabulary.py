@@ -95,8 +95,7 @@ def default_negatives(
 ) -> Negatives:
     """Return the words of the background and of common objects that compete with the queried words.
 
-    Left out are the words of a list of `classify.toml` that is queried by its name ("vehicle") or a synonym of it
-    ("person": no "child" competes with it), hyponyms of a queried
+    Left out are the words of a list of `classify.toml` that is queried by its name ("vehicle"), hyponyms of a queried
     word ("school bus" where "bus" is queried), and synonyms: words of a cosine of at least `synonym_cosine`. A
     hypernym of a queried word competes ("truck" where "garbage truck" is queried), because the special is to be
     distinguished from the general; unless the model has nearly one vector for both (`hypernym_cosine`): then chance
@@ -109,9 +108,7 @@ def default_negatives(
         config: The two cosines.
     """
     lists = workspace.settings(classify.STAGE).lists
-    likeness = workspace.model.embed_text(list(lists)) @ vectors.T
-    asked = [name for name, row in zip(lists, likeness, strict=True) if (row >= config.synonym_cosine).any()]
-    of_queried_list = {word for name in {*asked, *queried} if name in lists for word in lists[name]}
+    of_queried_list = {word for name in queried if name in lists for word in lists[name]}
     common = (
         *workspace.settings(mask.STAGE).background,
         *(word for words in lists.values() for word in words),
@@ -127,13 +124,13 @@ def default_negatives(
     ambiguous = tuple(
         (queried[column], words[row])
         for row, column in np.argwhere(cosines >= _hypernym_cosine(config)).tolist()
-        if _is_hyponym(queried[column], words[row])
+        if is_hyponym(queried[column], words[row])
     )
     return Negatives(tuple(words[row] for row in competes), embedded[competes], ambiguous)
 
 
 def _is_synonym(word: str, queried: str, cosine: float, config: QueryConfig) -> bool:
-    limit = _hypernym_cosine(config) if _is_hyponym(queried, word) else config.synonym_cosine
+    limit = _hypernym_cosine(config) if is_hyponym(queried, word) else config.synonym_cosine
     return set(word.lower().split()) >= set(queried.lower().split()) or cosine >= limit
 
 
@@ -141,7 +138,7 @@ def _hypernym_cosine(config: QueryConfig) -> float:
     return max(config.synonym_cosine, config.hypernym_cosine)
 
 
-def _is_hyponym(word: str, general: str) -> bool:
+def is_hyponym(word: str, general: str) -> bool:
     """Return whether a phrase narrows a more general one: "fire truck" has all words of "truck" and more."""
     return set(word.lower().split()) > set(general.lower().split())
 
