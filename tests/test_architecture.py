@@ -181,7 +181,9 @@ def test_a_stage_is_light_and_alone(path: Path) -> None:
         PACKAGE,
     }
     others = [name for name in imports(path) if name.startswith(f"{PACKAGE}.stages")]
-    shared = tuple(f"{PACKAGE}.stages.{name}" for name in ("rows", "track_sightings"))
+    shared = tuple(
+        f"{PACKAGE}.stages.{name}" for name in ("rows", "picture_rows", "shared_columns", "track_sightings")
+    )
     assert all(name.startswith(shared) for name in others)
 
 

@@ -174,13 +174,7 @@ class TrackedBoxes(Boxes):
 
 @dataclass(frozen=True)
 class Boxes2d(ParallelArrays):
-    """Boxes in one picture, as a detector gives them.
-
-    Attributes:
-        xyxy_px: (n, 4) left, top, right and bottom edge; (0, 0) is the centre of the first pixel, as of `Camera`.
-        score: (n,) confidence, 0 to 1.
-        name: (n,) the detector's own name of the kind, for example "person".
-    """
+    """Boxes in one picture: (n, 4) left, top, right, bottom in pixels as of `Camera`; scores 0 to 1; names."""
 
     xyxy_px: Array = array("float64", 4)
     score: Array = array("float64")
@@ -214,9 +208,7 @@ class Labels(Boxes):
 class Ragged:
     """For each of n things any number of items.
 
-    Attributes:
-        values: (m, ...) the items of the first thing, then those of the second, and so on.
-        count: (n,) how many each has.
+    `values` (m, ...) has the items of the first thing, then those of the second; `count` (n,) how many each has.
     """
 
     values: Array
@@ -252,10 +244,9 @@ T = TypeVar("T", bound=ParallelArrays)
 
 def concat(parts: Sequence[T], kind: type[T]) -> T:
     """Return the things of all parts, one part after the other; none of that kind where there is no part."""
-    if not parts:
-        return empty(kind)
-    return kind(
-        **{spec.name: np.concatenate([getattr(part, spec.name) for part in parts]) for spec in fields(kind)}
+    columns = {spec.name: [getattr(part, spec.name) for part in parts] for spec in fields(kind)}
+    return (
+        kind(**{name: np.concatenate(values) for name, values in columns.items()}) if parts else empty(kind)
     )
 
 
@@ -326,11 +317,7 @@ class BackgroundRule:
     """When a feature counts as background: the cosine scale belongs to the model (UP-VL, Section 3.2).
 
     A point is background where max cos(f, background words) - max cos(f, `against`) >= `threshold`;
-    without words to compare with that is the paper's own rule, cos >= eps_bg.
-
-    Attributes:
-        against: Words that background is compared with, for models whose cosines have an offset.
-        threshold: eps_bg on the scale of this model.
+    without words to compare with that is the paper's own rule, cos >= eps_bg, on the scale of this model.
     """
 
     against: tuple[str, ...]

@@ -68,6 +68,7 @@ def test_a_changed_value_changes_the_stamps_below_and_no_other(tmp_path: Path) -
         "classify",
         "labels",
         "pool-features",
+        "semantics",
         "train",
         "detect",
     ]

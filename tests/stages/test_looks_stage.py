@@ -43,7 +43,6 @@ class PictureDrive(MemoryDrive):
 
     pictures: dict[int, np.ndarray] = field(default_factory=dict)
     opened: Counter[int] = field(default_factory=Counter)
-    cameras = (CAMERA,)
 
     def image(self, frame: int, camera: str) -> Image | None:
         self.opened[frame] += 1
@@ -60,7 +59,7 @@ def picture(*colours: list[int]) -> np.ndarray:
 
 def street(states: list[list[int]], pictures: dict[int, np.ndarray]) -> MemoryInputs:
     """Two tracks, 7 on the left and 8 on the right, of three points each; they come nearer from frame to frame."""
-    drive = PictureDrive({}, pictures)
+    drive = PictureDrive({}, (CAMERA,), pictures)
     tables: dict[str, list] = {"odometry": [], "extract-vl": [], "mask": [], "nms": []}
     identity = np.eye(COMPONENTS, dtype=np.float32)
     basis = Basis(np.zeros(COMPONENTS, np.float32), identity, np.full(COMPONENTS, 0.01, np.float32), 1.0)

@@ -12,7 +12,7 @@ from upvl_cli.stages.picture_rows import Boxes2dRow, MatchBoxes2dRow
 from upvl_cli.stages.rows import AmodalRow, OdometryRow
 
 if TYPE_CHECKING:
-    from upvl_cli.perception.labels.box_matching import Matches
+    from upvl_cli.perception.labels.box_matching import PictureMatches
     from upvl_cli.pipeline.stage import Inputs
 
 
@@ -45,7 +45,7 @@ def run(inputs: Inputs, config: MatchBoxes2dConfig) -> Iterator[MatchBoxes2dRow]
         config.min_iou,
     )
 
-    def matches_of(row: AmodalRow) -> Matches:
+    def matches_of(row: AmodalRow) -> PictureMatches:
         return matcher.match(step_of[row.frame], row.boxes, row.velocity_mps, boxes2d[row.frame].pictures)
 
     for row in labels:

@@ -12,6 +12,7 @@ from upvl_cli.perception.proposals.config import (
     BackgroundFilterConfig,
     ClusteringConfig,
     CrowdConfig,
+    FrustumConfig,
     PersistenceConfig,
     ProposalBoxConfig,
     ProposalConfig,
@@ -32,7 +33,21 @@ CROWD = CrowdConfig(
 PERSISTENCE = PersistenceConfig(
     max_share=0.5, spans_s=(0.5, 1.0, 2.0), clearance_m=0.3, voxel_m=0.15, radius_m=0.25, time_tolerance=0.25
 )
+FRUSTUM = FrustumConfig(
+    kinds=("person",),
+    min_score=0.3,
+    min_points=3,
+    max_gap_m=0.7,
+    max_depth_m=2.4,
+    middle_share=0.7,
+    min_filled=0.3,
+    min_height_m=0.8,
+    max_height_m=2.5,
+    min_shared=0.6,
+    max_claimed=0.5,
+)
 CONFIG = ProposalConfig(
+    frustum=FRUSTUM,
     clustering=ClusteringConfig(
         eps_m=(1.0,),
         duplicate_iou=0.9,

@@ -50,7 +50,7 @@ class FramePictures:
 
 
 @dataclass(frozen=True)
-class Matches:
+class PictureMatches:
     """What the pictures of a frame say of its 3D boxes.
 
     Attributes:
@@ -67,7 +67,7 @@ class Matches:
     score: Floats
 
 
-def match_boxes(views: Sequence[CameraView], total: int, *, min_iou: float) -> Matches:
+def match_boxes(views: Sequence[CameraView], total: int, *, min_iou: float) -> PictureMatches:
     """Return which 2D box shows each 3D box.
 
     A 3D box is looked for in one picture: where its projection, clipped to the picture, is largest, times the share of
@@ -101,7 +101,7 @@ def match_boxes(views: Sequence[CameraView], total: int, *, min_iou: float) -> M
         for row in np.flatnonzero(is_shown).tolist():
             name[rows[row]] = str(boxes.name[shown_by[row]])
             score[rows[row]] = boxes.score[shown_by[row]]
-    return Matches(view, iou, np.array(name, dtype=np.str_), score)
+    return PictureMatches(view, iou, np.array(name, dtype=np.str_), score)
 
 
 class BoxMatcher:
@@ -125,7 +125,7 @@ class BoxMatcher:
         self._cameras, self._min_iou = tuple(cameras), min_iou
         self._times_ns, self._poses = list(times_ns), np.asarray(world_from_ego).reshape(-1, 4, 4)
 
-    def match(self, step: int, boxes: Boxes, velocity_mps: Array, pictures: FramePictures) -> Matches:
+    def match(self, step: int, boxes: Boxes, velocity_mps: Array, pictures: FramePictures) -> PictureMatches:
         """Return which 2D box shows each 3D box of a frame; views are numbered as the drive's cameras.
 
         Args:
