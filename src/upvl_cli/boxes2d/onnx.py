@@ -25,7 +25,8 @@ from upvl_cli.boxes2d.yolox import (
     tiles,
     to_picture,
 )
-from upvl_cli.errors import BadInput, BadSetting, one_line
+from upvl_cli.errors import BadInput, one_line
+from upvl_cli.runtime.onnx_graph import load_graph, run_graph
 from upvl_cli.types import Array, Boxes2d, Floats
 
 _KEYS = ("names", "decoded")
@@ -119,12 +120,7 @@ class YoloxDetector:
 
     def _run(self, pixels: Array) -> Floats:
         """Return (c, 5 + k) float32 numbers of each cell."""
-        try:
-            (output,) = self._session.run(None, {self._session.get_inputs()[0].name: pixels[None]})
-        except Exception as error:  # onnxruntime's many errors have no class in common
-            raise BadInput(
-                f"{self._path}: cannot take a picture of shape {pixels[None].shape} ({one_line(error)})"
-            ) from error
+        output = run_graph(self._session, self._path, pixels[None])
         expected = (1, cell_count(*self._size_px), 5 + len(self.names))
         if output.shape != expected:
             raise BadInput(
@@ -144,20 +140,7 @@ class YoloxDetector:
 
     @cached_property
     def _session(self) -> Any:
-        try:
-            import onnxruntime
-        except ImportError as error:
-            raise BadSetting(
-                f"{self._path}: running it needs onnxruntime; pip install 'upvl[onnx]'"
-            ) from error
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = 1  # frames are worked on side by side
-        wanted = ("CUDAExecutionProvider", "CPUExecutionProvider")
-        providers = [name for name in wanted if name in onnxruntime.get_available_providers()]
-        try:
-            session = onnxruntime.InferenceSession(str(self._path), options, providers=providers)
-        except Exception as error:  # onnxruntime's many errors have no class in common
-            raise BadInput(f"{self._path}: onnxruntime cannot read it ({one_line(error)})") from error
+        session = load_graph(self._path, 1)  # frames are worked on side by side
         inputs = [(argument.type, argument.shape) for argument in session.get_inputs()]
         fits = (
             len(inputs) == 1

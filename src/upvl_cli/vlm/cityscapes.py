@@ -18,11 +18,12 @@ from typing import Any
 import numpy as np
 
 from upvl_cli.errors import BadInput
+from upvl_cli.runtime.onnx_graph import FLOAT, open_graph, run_graph
+from upvl_cli.runtime.parallel import threads
 from upvl_cli.types import Array, BackgroundRule, Floats
 from upvl_cli.vlm import mini
 from upvl_cli.vlm.mini_text import unit
 from upvl_cli.vlm.model_card import IMAGE_KEYS, CardKeys, is_integer, read_card
-from upvl_cli.vlm.onnx_graph import FLOAT, open_graph, run_graph
 
 # The classes in the order of their training ids, each with the words whose mean it is.
 WORDS_OF: dict[str, tuple[str, ...]] = {
@@ -155,7 +156,7 @@ class Cityscapes:
 
     @cached_property
     def _network(self) -> Any:
-        return open_graph(self._path, FLOAT)
+        return open_graph(self._path, FLOAT, threads())
 
     @cached_property
     def _class_vectors(self) -> Floats:

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from upvl_cli.errors import BadInput, one_line
+from upvl_cli.runtime.onnx_graph import FLOAT, INTEGER, open_graph, run_graph
+from upvl_cli.runtime.parallel import threads
 from upvl_cli.types import Array, BackgroundRule, Floats
 from upvl_cli.vlm.mini_text import unit
 from upvl_cli.vlm.model_card import IMAGE_KEYS, CardKeys, is_integer, is_number, is_strings, read_card
-from upvl_cli.vlm.onnx_graph import FLOAT, INTEGER, open_graph, run_graph
 
 IMAGE, TEXT, TOKENIZER, CARD = FILES = ("image.onnx", "text.onnx", "tokenizer.json", "model.json")
 KEYS: CardKeys = IMAGE_KEYS | {
@@ -107,11 +108,11 @@ class Onnx:
 
     @cached_property
     def _text(self) -> Any:
-        return open_graph(self._folder / TEXT, INTEGER)
+        return open_graph(self._folder / TEXT, INTEGER, threads())
 
     @cached_property
     def _image(self) -> Any:
-        return open_graph(self._folder / IMAGE, FLOAT)
+        return open_graph(self._folder / IMAGE, FLOAT, threads())
 
 
 def _run(session: Any, path: Path, values: Array, axes: int) -> Floats:
