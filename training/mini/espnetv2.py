@@ -21,10 +21,8 @@ from safetensors.torch import load_file
 from torch import Tensor, nn
 from torch.nn import functional
 
-CITYSCAPES = (
-    "road", "sidewalk", "building", "wall", "fence", "pole", "traffic light", "traffic sign", "vegetation",
-    "terrain", "sky", "person", "rider", "car", "truck", "bus", "train", "motorcycle", "bicycle",
-)  # fmt: skip
+from upvl_cli.vlm.cityscapes import WORDS_OF
+
 MEAN, STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of RGB from 0 to 1, those of ImageNet
 WIDTHS = (32, 128, 256, 512)  # channels at strides 2, 4, 8 and 16
 DECODER_WIDTHS = (64, 48, 32, 20)
@@ -250,7 +248,7 @@ def open_espnetv2(path: Path) -> nn.Module:
     """Return the network with the weights of a safetensors file, ready to label.
 
     It takes (n, 3, h, w) float32 RGB, normalised by `MEAN` and `STD`, sides multiples of 32, and gives
-    (n, 20, h, w) logits: `CITYSCAPES`, then background.
+    (n, 20, h, w) logits: the classes of `WORDS_OF`, then background.
     """
     network = EspNetV2()
     network.load_state_dict(load_file(path), strict=True)
@@ -277,7 +275,7 @@ def camvid_miou(
         size: (width, height) in pixels at which the network sees a picture.
     """
     classes = [line for line in (root / "classes.txt").read_text().splitlines() if line][:11]
-    camvid_of = np.array([classes.index(CAMVID_OF.get(name, name)) for name in CITYSCAPES])
+    camvid_of = np.array([classes.index(CAMVID_OF.get(name, name)) for name in WORDS_OF])
     confusion, seconds = np.zeros((11, 11), dtype=np.int64), 0.0
     paths = sorted((root / "test").glob("*.jpg"))[::every]
     for path in paths:
@@ -286,7 +284,7 @@ def camvid_miou(
         pixels = (np.asarray(rgb, dtype=np.float32) / 255 - np.float32(MEAN)) / np.float32(STD)
         started = time.process_time()
         with torch.inference_mode():
-            logits = network(torch.from_numpy(pixels).permute(2, 0, 1)[None])[:, : len(CITYSCAPES)]
+            logits = network(torch.from_numpy(pixels).permute(2, 0, 1)[None])[:, : len(WORDS_OF)]
         seconds += time.process_time() - started
         full = functional.interpolate(logits, label.shape, mode="bilinear")
         named_class = camvid_of[full.argmax(1)[0].numpy()]

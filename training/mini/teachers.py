@@ -6,26 +6,28 @@ Each takes a (h, w, 3) uint8 picture in RGB. Dense ones give the class of each p
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import onnxruntime
 import torch
+from espnetv2 import MEAN, STD
 from PIL import Image
 from torch import Tensor, nn
 from torch.nn import functional
 
+from upvl_cli.boxes2d.base import CameraPicture
+from upvl_cli.boxes2d.config import SuppressionConfig
+from upvl_cli.boxes2d.onnx import YoloxDetector
 from upvl_cli.types import Array, Floats
+from upvl_cli.vlm.cityscapes import WORDS_OF
 
-CITYSCAPES = (
-    "road", "sidewalk", "building", "wall", "fence", "pole", "traffic light", "traffic sign", "vegetation",
-    "terrain", "sky", "person", "rider", "car", "truck", "bus", "train", "motorcycle", "bicycle",
-)  # fmt: skip
-# Of COCO's 80 kinds, those of the street, as numbers of Cityscapes' classes.
-COCO_STREET = {0: 11, 1: 18, 2: 13, 3: 17, 5: 15, 6: 16, 7: 14}
-MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
+CITYSCAPES = tuple(WORDS_OF)
+# Of COCO's kinds those of the street, with their class of Cityscapes.
+COCO_STREET = {
+    "person": "person", "bicycle": "bicycle", "car": "car", "motorcycle": "motorcycle", "bus": "bus",
+    "train": "train", "truck": "truck",
+}  # fmt: skip
 
 
 class Found(NamedTuple):
@@ -37,86 +39,18 @@ class Found(NamedTuple):
 
 
 class Yolox:
-    """YOLOX-nano on COCO (Ge et al., arXiv 2107.08430): tiles at native scale, and the whole picture."""
-
-    side = 416
+    """YOLOX-nano on COCO, as `boxes2d` runs it: the whole picture, and tiles at native scale."""
 
     def __init__(self, path: Path, least: float = 0.25):
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = 1
-        self.session, self.least = onnxruntime.InferenceSession(str(path), options), least
+        self.detector = YoloxDetector(str(path), SuppressionConfig((1.0,), 0.25, 0.5))
+        self.least = least
 
     def __call__(self, rgb: Array) -> Found:
-        """Return the boxes of road users after non-maximum suppression, best first."""
-        height, width, _ = rgb.shape
-        parts = [self._at(rgb, 0, 0, self.side / max(height, width))]
-        if max(height, width) > self.side * 1.3:
-            parts += [
-                self._at(rgb, x, y, 1.0)
-                for y in _starts(height, self.side)
-                for x in _starts(width, self.side)
-            ]
-        boxes, score, kind = (np.concatenate(column) for column in zip(*parts, strict=True))
-        kept = _suppressed(boxes, score, kind, 0.5)
-        return Found(boxes[kept], score[kept], kind[kept])
-
-    def _at(self, rgb: Array, x: int, y: int, scale: float) -> tuple[Floats, Floats, Array]:
-        picture = Image.fromarray(rgb)
-        if scale != 1.0:
-            picture = picture.resize([round(side * scale) for side in picture.size], Image.Resampling.BICUBIC)
-        part = np.asarray(picture)[y : y + self.side, x : x + self.side]
-        canvas = np.full((self.side, self.side, 3), 114, dtype=np.float32)
-        canvas[: part.shape[0], : part.shape[1]] = part[..., ::-1]
-        (out,) = self.session.run(None, {"images": canvas.transpose(2, 0, 1)[None]})
-        boxes, score, kind = self._decoded(out[0])
-        # A box that a tile cuts is one of the part only: the whole picture has it, or another tile.
-        inner = [x > 0, y > 0, x + self.side < picture.width, y + self.side < picture.height]
-        edges = np.stack(
-            [boxes[:, 0] < 2, boxes[:, 1] < 2, boxes[:, 2] > self.side - 2, boxes[:, 3] > self.side - 2]
-        )
-        whole = ~(edges & np.array(inner)[:, None]).any(axis=0)
-        return ((boxes + [x, y, x, y]) / scale)[whole], score[whole], kind[whole]
-
-    def _decoded(self, out: Floats) -> tuple[Floats, Floats, Array]:
-        cells = []
-        for stride in (8, 16, 32):
-            row, column = np.mgrid[: self.side // stride, : self.side // stride].reshape(2, -1)
-            cells.append(np.column_stack([column, row, np.full(row.size, stride)]))
-        column, row, stride = np.concatenate(cells).T
-        centre = (out[:, :2] + np.column_stack([column, row])) * stride[:, None]
-        half = np.exp(out[:, 2:4]) * stride[:, None] / 2
-        numbers = np.array(list(COCO_STREET))
-        shares = out[:, 4:5] * out[:, 5:][:, numbers]
-        best = shares.argmax(axis=1)
-        score = shares[np.arange(len(best)), best]
-        kept = score >= self.least
-        kinds = np.array(list(COCO_STREET.values()))[best]
-        return np.hstack([centre - half, centre + half])[kept], score[kept], kinds[kept]
-
-
-def _starts(whole: int, side: int) -> list[int]:
-    """Where tiles begin that overlap by a quarter at least."""
-    count = max(1, math.ceil((whole - side / 4) / (side * 3 / 4)))
-    return (
-        [round(i * max(whole - side, 0) / max(count - 1, 1)) for i in range(count)] if whole > side else [0]
-    )
-
-
-def _suppressed(boxes: Floats, score: Floats, kind: Array, most: float) -> Array:
-    order, kept = np.argsort(-score, kind="stable"), []
-    for i in order:
-        over = [
-            _iou(boxes[i], boxes[k]) for k in kept if kind[k] == kind[i] or _iou(boxes[i], boxes[k]) > 0.8
-        ]
-        if not over or max(over) < most:
-            kept.append(i)
-    return np.array(kept, dtype=np.int64)
-
-
-def _iou(a: Floats, b: Floats) -> float:
-    side = np.clip(np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2]), 0, None)
-    inside = side.prod()
-    return float(inside / ((a[2:] - a[:2]).prod() + (b[2:] - b[:2]).prod() - inside + 1e-9))
+        """Return the boxes of road users, best first."""
+        boxes = self.detector.boxes(CameraPicture(0, "", rgb))
+        boxes = boxes[np.isin(boxes.name, list(COCO_STREET)) & (boxes.score >= self.least)]
+        kind = np.array([CITYSCAPES.index(COCO_STREET[name]) for name in boxes.name.tolist()], dtype=np.int64)
+        return Found(boxes.xyxy_px, boxes.score, kind)
 
 
 class DeepLab:
@@ -154,7 +88,7 @@ class Dense:
         scale = min(self.long_side / max(height, width), 2.0)
         size = [max(32, round(side * scale / 32) * 32) for side in (height, width)]
         pixels = torch.tensor(rgb).permute(2, 0, 1)[None].float() / 255
-        pixels = (pixels - torch.tensor(MEAN)[:, None, None]) / torch.tensor(DEVIATION)[:, None, None]
+        pixels = (pixels - torch.tensor(MEAN)[:, None, None]) / torch.tensor(STD)[:, None, None]
         logits = self.network(functional.interpolate(pixels, size, mode="bilinear", antialias=scale < 1))
         full = functional.interpolate(logits[:, :19], (height, width), mode="bilinear", align_corners=False)
         return np.asarray(full.argmax(1)[0].to(torch.uint8).numpy())
