@@ -1,0 +1,61 @@
+"""The formats that `upvl export` knows. Each is loaded only when it is used."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from upvl_cli.errors import BadSetting
+from upvl_cli.export.format import ExportFormat
+
+
+@dataclass(frozen=True)
+class FormatEntry:
+    """A format as help lists it.
+
+    Attributes:
+        title: What it is, in one line.
+        load: Loads it.
+    """
+
+    title: str
+    load: Callable[[], ExportFormat]
+
+
+def _csv() -> ExportFormat:
+    from upvl_cli.export.csv_table import FORMAT
+
+    return FORMAT
+
+
+def _kitti() -> ExportFormat:
+    from upvl_cli.export.kitti_object import FORMAT
+
+    return FORMAT
+
+
+def _kitti_tracking() -> ExportFormat:
+    from upvl_cli.export.kitti_tracking import FORMAT
+
+    return FORMAT
+
+
+FORMATS: dict[str, FormatEntry] = {
+    "csv": FormatEntry("one table a drive, one row a box", _csv),
+    "kitti": FormatEntry("KITTI object: label_2 and calib, one file a frame", _kitti),
+    "kitti-tracking": FormatEntry("KITTI tracking: label_02, one file a drive", _kitti_tracking),
+}
+
+
+def export_format(name: str) -> ExportFormat:
+    """Return the format of a name.
+
+    Raises:
+        BadSetting: There is none of that name.
+    """
+    if name not in FORMATS:
+        close = difflib.get_close_matches(name, FORMATS, n=1)
+        hint = f"; did you mean {close[0]!r}?" if close else ""
+        raise BadSetting(f"unknown format {name!r}{hint} (known: {', '.join(FORMATS)})")
+    return FORMATS[name].load()
