@@ -41,6 +41,7 @@ class ExportDrive:
         cameras: Its calibrated cameras.
         boxes: The boxes, by ascending frame.
         source: Gives points and pictures; None where the drive cannot be read.
+        deleted: Labels that a person has deleted: who edits an export of corrected labels knows of them.
     """
 
     name: str
@@ -49,6 +50,7 @@ class ExportDrive:
     cameras: tuple[Camera, ...]
     boxes: ExportBoxes
     source: Drive | None = None
+    deleted: ExportBoxes | None = None
 
     @property
     def places(self) -> Ints:

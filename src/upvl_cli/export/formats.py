@@ -5,9 +5,12 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from upvl_cli.errors import BadSetting
-from upvl_cli.export.format import ExportFormat
+
+if TYPE_CHECKING:
+    from upvl_cli.export.format import ExportFormat
 
 
 @dataclass(frozen=True)

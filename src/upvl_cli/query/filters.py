@@ -4,11 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
-from upvl_cli.query.index import Objects
-from upvl_cli.types import Bools
+from upvl_cli.types import Array, Bools
+
+
+class Filterable(Protocol):
+    """Boxes that can be filtered, for example the `Objects` of an index."""
+
+    def __len__(self) -> int: ...
+
+    @property
+    def speed_mps(self) -> Array:
+        """(n,) horizontal speed over the ground."""
+
+    @property
+    def range_m(self) -> Array:
+        """(n,) horizontal distance of the centre from the ego origin."""
+
+    @property
+    def time_s(self) -> Array:
+        """(n,) time since the first frame of the drive."""
+
+    @property
+    def confidence(self) -> Array:
+        """(n,) score of the box itself, 0 to 1."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +61,7 @@ class Filters:
         """Return whether a drive is considered."""
         return not self.segments or segment in self.segments
 
-    def mask(self, objects: Objects, moving_mps: float) -> Bools:
+    def mask(self, objects: Filterable, moving_mps: float) -> Bools:
         """Return (n,) which boxes pass.
 
         Args:
