@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
+import io
 import json
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from command import fails, upvl
 from export.labelled_workspace import SEGMENT, label_row, labelled_workspace
+from upvl_cli.cli import run
 from upvl_cli.evaluation.corrected_labels import CorrectedLabels
 from upvl_cli.export.corrections import Corrections, corrections_path, read_corrections
 from upvl_cli.export.gather import drive_with_boxes
@@ -29,9 +32,16 @@ def folder(workspace: Workspace) -> Path:
     return workspace.stages.parent
 
 
+def command(workspace: Workspace, *arguments: str, code: int = 0) -> str:
+    """What a command prints in the workspace, run in this process: Python is started once."""
+    printed, wrong = io.StringIO(), io.StringIO()
+    with contextlib.chdir(folder(workspace)), redirect_stdout(printed), redirect_stderr(wrong):
+        assert run(arguments) == code, wrong.getvalue()
+    return printed.getvalue() + wrong.getvalue()
+
+
 def export(workspace: Workspace, *arguments: str) -> Path:
-    done = upvl(folder(workspace), "export", "csv", "to", *arguments)
-    assert done.returncode == 0, done.stderr
+    command(workspace, "export", "csv", "to", *arguments)
     return folder(workspace) / "to" / f"{SEGMENT}.csv"
 
 
@@ -47,9 +57,7 @@ def edit(path: Path, change: dict[tuple[str, str], dict[str, str] | None]) -> No
 
 
 def import_back(workspace: Workspace) -> str:
-    done = upvl(folder(workspace), "import-labels", "csv", "to")
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    return command(workspace, "import-labels", "csv", "to")
 
 
 def first_frame(workspace: Workspace) -> str:
@@ -107,10 +115,9 @@ def test_corrections_of_other_labels_are_refused(workspace: Workspace) -> None:
     boxes = drive_with_boxes(workspace, SEGMENT, "labels", "class").boxes
     changed = [label_row(row.frame, row.time_ns, boxes[boxes.frame == row.frame][:1]) for row in rows]
     write(workspace.shard("labels", SEGMENT), LabelRow, changed, stamp="{}", counts={})
-    assert "made again since" in fails(folder(workspace), "export", "csv", "elsewhere")
-    assert "made again since this export" in fails(folder(workspace), "import-labels", "csv", "to")
-    done = upvl(folder(workspace), "export", "csv", "elsewhere", "--on", "labels")
-    assert done.returncode == 0
+    assert "made again since" in command(workspace, "export", "csv", "elsewhere", code=2)
+    assert "made again since this export" in command(workspace, "import-labels", "csv", "to", code=2)
+    assert "boxes in" in command(workspace, "export", "csv", "elsewhere", "--on", "labels")
 
 
 def test_corrected_labels_can_be_scored_against(workspace: Workspace) -> None:
@@ -136,21 +143,20 @@ def test_a_detector_learns_from_what_a_person_left(workspace: Workspace) -> None
 
 
 def test_what_an_export_says_on_the_terminal(workspace: Workspace) -> None:
-    done = upvl(folder(workspace), "export", "kitti", "to", "--moving", "--max-range", "20")
-    first, *others = done.stdout.splitlines()
+    first, *others = command(workspace, "export", "kitti", "to", "--moving", "--max-range", "20").splitlines()
     assert first.startswith("to: ")
     assert any("left out by the filters" in line for line in others)
     assert any(line.startswith("  velocities, for which the format has no place: ") for line in others)
-    assert "did you mean 'kitti'" in fails(folder(workspace), "export", "kiti", "to")
-    assert "unknown segment" in fails(folder(workspace), "export", "csv", "to", "--segment", "street-9")
-    assert "is missing; name the folder" in fails(folder(workspace), "import-labels", "csv", "nowhere")
+    assert "did you mean 'kitti'" in command(workspace, "export", "kiti", "to", code=2)
+    assert "unknown segment" in command(workspace, "export", "csv", "to", "--segment", "street-9", code=2)
+    assert "is missing; name the folder" in command(workspace, "import-labels", "csv", "nowhere", code=2)
 
 
 def test_a_damaged_manifest_is_named(workspace: Workspace) -> None:
     export(workspace)
     path = folder(workspace) / "to" / "upvl.json"
     path.write_text(json.dumps({"format": "csv", "classes": 3}))
-    assert "upvl.json is no manifest of upvl" in fails(folder(workspace), "import-labels", "csv", "to")
+    assert "upvl.json is no manifest of upvl" in command(workspace, "import-labels", "csv", "to", code=2)
     path.unlink()
     assert "0 deleted" in import_back(workspace)
 
