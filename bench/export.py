@@ -2,7 +2,7 @@
 
     python bench/export.py WORKSPACE [WORKSPACE ...]
 
-Prints for each workspace and format the largest error of centres (mm), headings (degrees) and sizes (mm), whether ids and
+Prints for each workspace and format the largest error of centres, headings and sizes, whether ids and
 classes are equal, the seconds of export and reading, and the bytes of a box.
 """
 
