@@ -44,10 +44,47 @@ def _kitti_tracking() -> ExportFormat:
     return FORMAT
 
 
+def _nuscenes() -> ExportFormat:
+    from upvl_cli.export.nuscenes_tables import FORMAT
+
+    return FORMAT
+
+
+def _nuscenes_results() -> ExportFormat:
+    from upvl_cli.export.nuscenes_results import FORMAT
+
+    return FORMAT
+
+
+def _argoverse2() -> ExportFormat:
+    from upvl_cli.export.argoverse2 import FORMAT
+
+    return FORMAT
+
+
+def _waymo() -> ExportFormat:
+    from upvl_cli.export.waymo_objects import FORMAT
+
+    return FORMAT
+
+
+def _waymo_parquet() -> ExportFormat:
+    from upvl_cli.export.waymo_components import FORMAT
+
+    return FORMAT
+
+
 FORMATS: dict[str, FormatEntry] = {
     "csv": FormatEntry("one table a drive, one row a box", _csv),
     "kitti": FormatEntry("KITTI object: label_2 and calib, one file a frame", _kitti),
     "kitti-tracking": FormatEntry("KITTI tracking: label_02, one file a drive", _kitti_tracking),
+    "nuscenes": FormatEntry("nuScenes: a data set of its 13 tables", _nuscenes),
+    "nuscenes-results": FormatEntry("nuScenes: results of detection and tracking", _nuscenes_results),
+    "argoverse2": FormatEntry(
+        "Argoverse 2: annotations.feather, poses and cameras of each drive", _argoverse2
+    ),
+    "waymo": FormatEntry("Waymo: predictions as the message Objects, one file", _waymo),
+    "waymo-parquet": FormatEntry("Waymo v2: the components lidar_box and vehicle_pose", _waymo_parquet),
 }
 
 
