@@ -8,6 +8,7 @@ box's x, y and z. Frames count from 0 in the order of their names.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from itertools import pairwise
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.sax.saxutils import escape
@@ -83,7 +84,7 @@ def _unchanging_runs(drive: ExportDrive) -> Iterator[tuple[int, ExportBoxes]]:
         is_new[1:] |= (np.diff(boxes.size_lwh_m, axis=0) != 0).any(axis=1)
         is_new[1:] |= boxes.class_name[1:] != boxes.class_name[:-1]
     starts = np.flatnonzero(is_new)
-    for start, end in zip(starts, [*starts[1:], len(boxes)], strict=False):
+    for start, end in pairwise([*starts, len(boxes)]):
         yield int(places[start]), boxes[start:end]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -41,6 +41,8 @@ class ExportDrive:
         cameras: Its calibrated cameras.
         boxes: The boxes, by ascending frame.
         source: Gives points and pictures; None where the drive cannot be read.
+        point_columns: Gives what is known of the points of a frame, by the names of `point_tables`; None where
+            nothing is.
     """
 
     name: str
@@ -49,6 +51,7 @@ class ExportDrive:
     cameras: tuple[Camera, ...]
     boxes: ExportBoxes
     source: Drive | None = None
+    point_columns: Callable[[int], Mapping[str, Array]] | None = None
 
     @property
     def places(self) -> Ints:

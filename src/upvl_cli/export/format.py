@@ -22,10 +22,12 @@ class ExportOptions:
         camera: Name of the camera whose axes and picture a format with one camera takes; empty for the one that
             looks most nearly forward.
         with_data: Whether points and pictures are written too, where the format has a place for them.
+        world_axes: Whether formats of points write them in the axes of the world instead of those of the car.
     """
 
     camera: str = ""
     with_data: bool = False
+    world_axes: bool = False
 
 
 class WriteLabels(Protocol):

@@ -83,6 +83,18 @@ def _coco() -> ExportFormat:
     return FORMAT
 
 
+def _las() -> ExportFormat:
+    from upvl_cli.export.las_points import FORMAT
+
+    return FORMAT
+
+
+def _ply() -> ExportFormat:
+    from upvl_cli.export.ply_points import FORMAT
+
+    return FORMAT
+
+
 FORMATS: dict[str, FormatEntry] = {
     "csv": FormatEntry("one table a drive, one row a box", _csv),
     "kitti": FormatEntry("KITTI object: label_2 and calib, one file a frame", _kitti),
@@ -96,6 +108,8 @@ FORMATS: dict[str, FormatEntry] = {
     "sustechpoints": FormatEntry("SUSTechPOINTS: the label files of a scene", _sustechpoints),
     "segments-ai": FormatEntry("Segments.ai: label and sample of a cuboid sequence", _segments_ai),
     "coco": FormatEntry("COCO: rectangles of the boxes in the pictures", _coco),
+    "las": FormatEntry("LAS 1.4: the points of each frame, with words, flow and tracks", _las),
+    "ply": FormatEntry("PLY: the points of each frame, with words, flow and tracks", _ply),
 }
 
 

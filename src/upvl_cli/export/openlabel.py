@@ -7,6 +7,7 @@ as row-major 4 x 4 matrices with X_dst = M X_src, camera axes x right, y down, z
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +61,7 @@ def _tracks(boxes: ExportBoxes) -> Iterator[ExportBoxes]:
     """Yield the boxes of each track, by ascending frame."""
     ordered = boxes[np.argsort(boxes.track_id, kind="stable")]
     starts = np.flatnonzero(np.diff(ordered.track_id, prepend=-(2**62)))
-    for start, end in zip(starts, [*starts[1:], len(ordered)], strict=False):
+    for start, end in pairwise([*starts, len(ordered)]):
         yield ordered[start:end]
 
 

@@ -65,7 +65,7 @@ def numbers_beside(boxes: ExportBoxes, i: int) -> dict[str, float]:
 
 
 def drive_folders(
-    folder: Path, drives: Mapping[str, ExportDrive], holds: str
+    folder: Path, drives: Mapping[str, ExportDrive], holds: str, prefix: str = ""
 ) -> Iterator[tuple[str, Path, ExportDrive]]:
     """Yield name, folder and drive of each folder that bears the name of a drive and holds a file or folder.
 
@@ -76,9 +76,11 @@ def drive_folders(
         folder: What is read.
         drives: The drives that are known.
         holds: Name of a file or folder of every drive.
+        prefix: What folders have before the name of the drive; one without it counts too.
     """
     if (folder / holds).exists():
-        names = [folder.name] if folder.name in drives else list(drives)
+        own_name = folder.name.removeprefix(prefix)
+        names = [own_name] if own_name in drives else list(drives)
         if len(names) == 1:
             yield names[0], folder, drives[names[0]]
             return
@@ -87,8 +89,10 @@ def drive_folders(
             "name of the drive"
         )
     for name, drive in drives.items():
-        if (folder / name / holds).exists():
-            yield name, folder / name, drive
+        candidates = [folder / f"{prefix}{name}", folder / name]
+        own = next((path for path in candidates if (path / holds).exists()), None)
+        if own is not None:
+            yield name, own, drive
 
 
 @dataclass

@@ -52,11 +52,7 @@ def write(drives: Iterable[ExportDrive], folder: Path, options: ExportOptions, l
 
 def read(folder: Path, drives: Mapping[str, ExportDrive]) -> dict[str, ExportBoxes]:
     """Return the boxes of all scenes, whose folders bear the names of drives, with or without "scene_"."""
-    scenes = {f"{_SCENE}{name}": drive for name, drive in drives.items()}
-    found = {
-        name.removeprefix(_SCENE): _read_scene(own) for name, own, _ in drive_folders(folder, scenes, _RESULT)
-    }
-    return found or {name: _read_scene(own) for name, own, _ in drive_folders(folder, drives, _RESULT)}
+    return {name: _read_scene(own) for name, own, _ in drive_folders(folder, drives, _RESULT, _SCENE)}
 
 
 def _object(boxes: ExportBoxes, i: int, drive_name: str) -> dict[str, Any]:
