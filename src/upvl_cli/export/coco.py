@@ -118,18 +118,18 @@ def read_rectangles(path: Path) -> PictureBoxes:
     """Return the rectangles of a file; raises `BadInput` where it is none of this format."""
     content = JsonValue.of_file(path)
     names = {
-        entry.member("id").whole(): entry.member("name").text()
+        entry.member("id").integer(): entry.member("name").text()
         for entry in content.member("categories").elements()
     }
-    images = {entry.member("id").whole(): entry for entry in content.member("images").elements()}
+    images = {entry.member("id").integer(): entry for entry in content.member("images").elements()}
     found: list[tuple[int, str, list[float], int, str, float]] = []
     for entry in content.member("annotations").elements():
-        image, name = images[entry.member("image_id").whole()], names[entry.member("category_id").whole()]
+        image, name = images[entry.member("image_id").integer()], names[entry.member("category_id").integer()]
         left, top, width, height = entry.member("bbox").list_of_numbers((4,))
         edges = [left - _HALF_PX, top - _HALF_PX, left + width - _HALF_PX, top + height - _HALF_PX]
-        track, score = entry.member("track_id").whole(), entry.member("score").number()
+        track, score = entry.member("track_id").integer(), entry.member("score").number()
         found.append(
-            (image.member("frame").whole(), image.member("camera").text(), edges, track, name, score)
+            (image.member("frame").integer(), image.member("camera").text(), edges, track, name, score)
         )
     columns = zip(*found, strict=True) if found else [[]] * 6
     return PictureBoxes(*(np.array(list(column)) for column in columns))

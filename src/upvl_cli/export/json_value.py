@@ -68,7 +68,7 @@ class JsonValue:
             raise self._wrong(f"a number of at most {_MOST:g}")
         return number
 
-    def whole(self) -> int:
+    def integer(self) -> int:
         """Return a whole number."""
         number = self.value if isinstance(self.value, int) else self.number()
         if isinstance(number, bool) or number != int(number) or abs(number) >= _MOST_WHOLE:
@@ -85,7 +85,7 @@ class JsonValue:
         """Return what names a thing: text, or a whole number as text."""
         if isinstance(self.value, str):
             return self.text()
-        return str(self.whole())
+        return str(self.integer())
 
     def numbers(self, *names: str) -> list[float]:
         """Return the numbers of an object's members."""

@@ -161,7 +161,7 @@ def _task_attributes(categories: Mapping[str, int]) -> dict[str, Any]:
 
 def _categories(task: JsonValue) -> dict[int, str]:
     entries = task.member("categories").elements()
-    return {entry.member("id").whole(): entry.member("name").text() for entry in entries}
+    return {entry.member("id").integer(): entry.member("name").text() for entry in entries}
 
 
 def _read_releases(folder: Path, drives: Mapping[str, ExportDrive]) -> dict[str, ExportBoxes]:
@@ -196,7 +196,7 @@ def _read_label(label: JsonValue, categories: Mapping[int, str], drive: ExportDr
             kind = entry.optional("type")
             if kind and kind.value not in _CUBOIDS:
                 continue
-            number = entry.member("category_id").whole()
+            number = entry.member("category_id").integer()
             if number not in categories:
                 raise BadInput(f"{entry.where} is of category {number}, which {_TASK} does not list")
             row = _row(entry, poses[place])

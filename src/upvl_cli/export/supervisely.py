@@ -46,7 +46,7 @@ def write(drives: Iterable[ExportDrive], folder: Path, options: ExportOptions, l
     """Write one project a drive."""
     for drive in drives:
         own = folder / drive.name
-        keys = _Keys(drive.name)
+        keys = _ProjectKeys(drive.name)
         for place, frame in enumerate(drive.frames):
             boxes = boxes_of_frame(drive, frame.index)
             name = frame_name(frame.index)
@@ -62,7 +62,7 @@ def read(folder: Path, drives: Mapping[str, ExportDrive]) -> dict[str, ExportBox
     return {name: _read_drive(own) for name, own, _ in drive_folders(folder, drives, _META)}
 
 
-class _Keys:
+class _ProjectKeys:
     """The keys of a drive, and what they stand for."""
 
     def __init__(self, drive_name: str) -> None:
