@@ -124,7 +124,7 @@ def _add(found: FoundBoxes, entry: JsonValue, frame: int) -> None:
     )
     # The tool drops a class name that its ontology has not, and keeps it as that of the model.
     names = [entry.optional(name) for name in ("className", "modelClass")]
-    name = next((known for known in names if known and known.value != ""), entry.member("className"))
+    name = next((known for known in names if known and known.value != ""), None) or entry.member("className")
     tracks = [entry.optional(key) for key in ("trackId", "trackName")]
     track = next((known.identifier() for known in tracks if known and known.value != ""), None)
     others = {"score": entry.optional("modelConfidence"), "num_points": contour.optional("pointN")}
