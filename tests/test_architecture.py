@@ -251,7 +251,8 @@ def test_only_evaluation_knows_labels(path: Path) -> None:
 def test_the_rule_for_labels_names_every_module_that_knows_their_files() -> None:
     readers = {path.stem for path in MODULES if LABELS.fullmatch(module(path))}
     assert {"label_registry", "labels", "tracklets", "objects"} <= readers
-    texts = {path.stem: path.read_text() for path in MODULES}
+    # Not the formats of `export`: what they write and read is what users take and correct, by its path alone.
+    texts = {path.stem: path.read_text() for path in MODULES if place(path) != "export"}
     assert {name for name, text in texts.items() if "tracklet" in text or "object_label" in text} <= readers
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -42,6 +42,8 @@ class ExportDrive:
         boxes: The boxes, by ascending frame.
         source: Gives points and pictures; None where the drive cannot be read.
         deleted: Labels that a person has deleted: who edits an export of corrected labels knows of them.
+        point_columns: Gives what is known of the points of a frame, by the names of `point_tables`; None where
+            nothing is.
     """
 
     name: str
@@ -51,6 +53,7 @@ class ExportDrive:
     boxes: ExportBoxes
     source: Drive | None = None
     deleted: ExportBoxes | None = None
+    point_columns: Callable[[int], Mapping[str, Array]] | None = None
 
     @property
     def places(self) -> Ints:

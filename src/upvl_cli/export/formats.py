@@ -74,6 +74,60 @@ def _waymo_parquet() -> ExportFormat:
     return FORMAT
 
 
+def _openlabel() -> ExportFormat:
+    from upvl_cli.export.openlabel import FORMAT
+
+    return FORMAT
+
+
+def _cvat() -> ExportFormat:
+    from upvl_cli.export.cvat import FORMAT
+
+    return FORMAT
+
+
+def _supervisely() -> ExportFormat:
+    from upvl_cli.export.supervisely import FORMAT
+
+    return FORMAT
+
+
+def _xtreme1() -> ExportFormat:
+    from upvl_cli.export.xtreme1 import FORMAT
+
+    return FORMAT
+
+
+def _sustechpoints() -> ExportFormat:
+    from upvl_cli.export.sustechpoints import FORMAT
+
+    return FORMAT
+
+
+def _segments_ai() -> ExportFormat:
+    from upvl_cli.export.segments_ai import FORMAT
+
+    return FORMAT
+
+
+def _coco() -> ExportFormat:
+    from upvl_cli.export.coco import FORMAT
+
+    return FORMAT
+
+
+def _las() -> ExportFormat:
+    from upvl_cli.export.las_points import FORMAT
+
+    return FORMAT
+
+
+def _ply() -> ExportFormat:
+    from upvl_cli.export.ply_points import FORMAT
+
+    return FORMAT
+
+
 FORMATS: dict[str, FormatEntry] = {
     "csv": FormatEntry("one table a drive, one row a box", _csv),
     "kitti": FormatEntry("KITTI object: label_2 and calib, one file a frame", _kitti),
@@ -85,6 +139,17 @@ FORMATS: dict[str, FormatEntry] = {
     ),
     "waymo": FormatEntry("Waymo: predictions as the message Objects, one file", _waymo),
     "waymo-parquet": FormatEntry("Waymo v2: the components lidar_box and vehicle_pose", _waymo_parquet),
+    "openlabel": FormatEntry("ASAM OpenLABEL 1.0: one JSON file a drive", _openlabel),
+    "cvat": FormatEntry("CVAT 3D, its Kitti Raw Format 1.0: tracklet_labels.xml", _cvat),
+    "supervisely": FormatEntry(
+        "Supervisely point clouds; CVAT's Sly format, which keeps tracks", _supervisely
+    ),
+    "xtreme1": FormatEntry("Xtreme1: one result a frame, in the folders of its upload", _xtreme1),
+    "sustechpoints": FormatEntry("SUSTechPOINTS: the label files of a scene", _sustechpoints),
+    "segments-ai": FormatEntry("Segments.ai: label and sample of a cuboid sequence", _segments_ai),
+    "coco": FormatEntry("COCO: rectangles of the boxes in the pictures", _coco),
+    "las": FormatEntry("LAS 1.4: the points of each frame, with words, flow and tracks", _las),
+    "ply": FormatEntry("PLY: the points of each frame, with words, flow and tracks", _ply),
 }
 
 

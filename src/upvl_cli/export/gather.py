@@ -10,6 +10,7 @@ import numpy as np
 from upvl_cli.errors import BadSetting, NotMade, UpvlError
 from upvl_cli.export.corrections import corrected, corrections_path, read_corrections, same_boxes
 from upvl_cli.export.drive import ExportBoxes, ExportDrive, Losses
+from upvl_cli.export.point_tables import PointTables
 from upvl_cli.pipeline.tables import Table
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.stages.correction_rows import DELETED
@@ -78,6 +79,7 @@ def drive_geometry(workspace: Workspace, segment: str) -> ExportDrive:
         cameras=source.cameras if source else (),
         boxes=concat([], ExportBoxes),
         source=source,
+        point_columns=PointTables(workspace, segment),
     )
 
 

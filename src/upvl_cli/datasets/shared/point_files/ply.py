@@ -55,6 +55,13 @@ def read_ply(content: bytes, where: str) -> ScanPoints:
     Raises:
         BadInput: The header is damaged, or the data are not what it announces.
     """
+    order, columns = vertex_columns(content, where)
+    kind = {"": "ascii", "<": "little-endian", ">": "big-endian"}[order]
+    return scan_points(columns, f"PLY {kind} with {', '.join(columns)}"[:200], where)
+
+
+def vertex_columns(content: bytes, where: str) -> tuple[str, dict[str, Array]]:
+    """Return the order of the bytes, empty for text, and all columns of the element `vertex`; see `read_ply`."""
     order, elements, start = _header(content, where)
     body = content[start:]
     words = body.split() if not order else []
@@ -73,8 +80,7 @@ def read_ply(content: bytes, where: str) -> ScanPoints:
                 else _text_rows(element, words, place, where)
             )
         if element.name == "vertex":
-            kind = {"": "ascii", "<": "little-endian", ">": "big-endian"}[order]
-            return scan_points(columns, f"PLY {kind} with {', '.join(columns)}"[:200], where)
+            return order, columns
     raise BadInput(f"{where}: its PLY header has no element vertex; expected the points there")
 
 
