@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Any
 from upvl_cli.drawing import colours
 from upvl_cli.viewer import entities
 from upvl_cli.viewer.library import rerun_library
+from upvl_cli.viewer.pictures import reduction, size_of
 
 if TYPE_CHECKING:
+    from upvl_cli.types import Camera
     from upvl_cli.viewer.scene import DriveScene
 
 _EYE_M, _LOOK_M = (-22.0, 0.0, 16.0), (12.0, 0.0, 0.0)  # from behind and above the car, in ego axes
@@ -30,7 +32,7 @@ def blueprint_of(scene: DriveScene, texts: tuple[str, ...]) -> Any:
     views = [_layer_view(scene, layer) for layer in layers]
     if scene.poses:
         views.append(_map_view())
-    pictures = [_camera_view(camera.name) for camera in scene.cameras]
+    pictures = [_camera_view(scene, camera) for camera in scene.cameras]
     beside: list[Any] = []
     if pictures:
         beside.append(rrb.Grid(*pictures, grid_columns=min(_COLUMNS, len(pictures)), name="cameras"))
@@ -57,10 +59,10 @@ def _layer_view(scene: DriveScene, layer: str | None) -> Any:
     import rerun.blueprint as rrb
     from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
 
-    overrides: dict[str, Any] = {}
+    overrides: dict[Any, Any] = {}
     if layer is not None:
         mapping = VisualizerComponentMapping(
-            target="Points3D:class_ids",
+            target="Points3D:colors",
             source_kind=ComponentSourceKind.SourceComponent,
             source_component=entities.layer_component(layer),
         )
@@ -96,8 +98,16 @@ def _map_view() -> Any:
     )  # fmt: skip
 
 
-def _camera_view(name: str) -> Any:
+def _camera_view(scene: DriveScene, camera: Camera) -> Any:
+    """Return the picture of a camera with its boxes; names of boxes are hidden until they are switched on."""
     import rerun.blueprint as rrb
 
-    path = entities.camera_path(name)
-    return rrb.Spatial2DView(name=name, origin=path, contents=["+ $origin/**"])
+    path = entities.camera_path(camera.name)
+    width, height = size_of(camera, reduction(camera, scene.options.picture_px))
+    return rrb.Spatial2DView(
+        name=camera.name,
+        origin=path,
+        contents=["+ $origin/**"],
+        overrides={f"{path}/names": rrb.EntityBehavior(visible=False)},
+        visual_bounds=rrb.VisualBounds2D(x_range=(0.0, width), y_range=(0.0, height)),
+    )

@@ -13,7 +13,7 @@ TAILS = "/world/tails"
 CAMERAS = "/world/ego/cameras"
 TEXTS = "/about"
 
-LAYERS = "layers"  # the archetype of the numbers of points: its components are the names of the layers
+LAYERS = "layers"  # the archetype of the colours of points: its components are the names of the layers
 
 
 def camera_path(name: str) -> str:
@@ -24,5 +24,5 @@ def camera_path(name: str) -> str:
 
 
 def layer_component(layer: str) -> str:
-    """Return the component with the numbers of the points in a layer."""
+    """Return the component with the colours of the points in a layer."""
     return f"{LAYERS}:{layer}"

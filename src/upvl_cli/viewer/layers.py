@@ -1,13 +1,9 @@
-"""The colours of points: each layer gives a point a number, and each number has a name and a colour.
-
-Numbers take two bytes a point where colours take four, and the viewer shows the name of the number under the mouse.
-"""
+"""The layers of points: in each of them a point has one colour, and a point shows the name of its word."""
 
 from __future__ import annotations
 
 import colorsys
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -15,113 +11,118 @@ from upvl_cli.drawing import colours
 from upvl_cli.types import Array, Ints
 from upvl_cli.viewer.drive_tables import FramePoints
 
-# First number of each layer: one list of names serves them all.
-_FLOW, _HEIGHT, _GROUND, _MOTION, _INTENSITY, _WORD = 1000, 2000, 3000, 4000, 5000, 10_000
 _STILL_MPS = 0.5
-_SPEEDS_MPS = (0.5, 1.0, 2.0, 4.0, 7.0, 10.0, 15.0, 20.0)
-_SECTORS = 16
-_LOWEST_M, _HEIGHT_STEP_M, _HEIGHT_STEPS = -1.0, 0.1, 61
-_INTENSITY_STEPS = 64
+_SPEEDS_MPS = (_STILL_MPS, 1.0, 2.0, 4.0, 7.0, 10.0, 15.0, 20.0)
+_SECTORS = 16  # of directions
+_LOWEST_M, _HIGHEST_M = -1.0, 5.0
+_STEPS = 64  # of a ramp
 _GREY: colours.Colour = (110, 116, 128)
-_TOWARDS = ("ahead", "ahead left", "left", "behind left", "behind", "behind right", "right", "ahead right")
+_EARTH: colours.Colour = (150, 112, 70)
+_OBJECT: colours.Colour = (70, 150, 240)
+
+LEGEND = f"""# Colours of the points
+
+| view | colours |
+| --- | --- |
+| words | the word of each point: rest the mouse on a point to read it; grey for none |
+| flow | direction of motion over the ground: red ahead of the car, green to the left, cyan towards it, violet to the \
+right; the faster, the stronger; grey below {_STILL_MPS} m/s |
+| height | height above the ground, from blue ({_LOWEST_M:g} m) over green to red ({_HIGHEST_M:g} m and more) |
+| ground | brown ground, light what stands on it |
+| moving | orange moving, blue standing objects, grey background, dark unknown |
+| intensity | strength of the return, from blue (0) to red (1), as its square root |
+
+Boxes: blue vehicles, red pedestrians, orange cyclists, violet others, grey where no camera saw the track. Rest the
+mouse on a box to read its track, class, word, score and speed. The past of each track is a line in a colour of its
+own, and the way of the car is white.
+"""
 
 
-@dataclass(frozen=True)
-class Entry:
-    """One number of a layer: its name and its colour."""
+def layer_colours(points: FramePoints) -> dict[str, Ints]:
+    """Return (n,) the colours of the n points in each layer that there is, but for the words.
 
-    number: int
-    name: str
-    colour: colours.Colour
-
-
-def fixed_entries() -> Iterator[Entry]:
-    """Yield the numbers of all layers but the words, which are those of the drive."""
-    yield from _flow_entries()
-    for step in range(_HEIGHT_STEPS):
-        height_m = _LOWEST_M + step * _HEIGHT_STEP_M
-        yield Entry(_HEIGHT + step, f"{height_m:.1f} m above the ground", _ramp(step / (_HEIGHT_STEPS - 1)))
-    yield Entry(_GROUND, "above the ground", colours.STATIC)
-    yield Entry(_GROUND + 1, "ground", (122, 92, 58))
-    yield Entry(_MOTION, "moving", colours.MOVING)
-    yield Entry(_MOTION + 1, "standing object", (70, 150, 240))
-    yield Entry(_MOTION + 2, "background", _GREY)
-    yield Entry(_MOTION + 3, "unknown", colours.GROUND)
-    for step in range(_INTENSITY_STEPS):
-        share = step / (_INTENSITY_STEPS - 1)
-        yield Entry(_INTENSITY + step, f"intensity {share:.2f}", _ramp(share))
+    Args:
+        points: The points of one frame.
+    """
+    layers: dict[str, Ints] = {}
+    if points.flow_mps is not None:
+        layers["flow"] = _FLOW[_flow_steps(points.flow_mps)]
+    if points.height_m is not None:
+        height_m = np.asarray(points.height_m, dtype=np.float32)
+        layers["height"] = _ramp_colours((height_m - _LOWEST_M) / (_HIGHEST_M - _LOWEST_M))
+    if points.is_ground is not None:
+        layers["ground"] = _packed([colours.STATIC, _EARTH])[points.is_ground.astype(int)]
+    if points.is_moving is not None and points.background is not None:
+        state = np.select([points.is_moving, points.background == 0, points.background == 1], [0, 1, 2], 3)
+        layers["moving"] = _packed([colours.MOVING, _OBJECT, _GREY, colours.GROUND])[state]
+    # Dull returns are the most: the root spreads them.
+    layers["intensity"] = _ramp_colours(np.sqrt(np.maximum(np.nan_to_num(points.points.intensity), 0)))
+    return layers
 
 
-def _flow_entries() -> Iterator[Entry]:
-    yield Entry(_FLOW, f"slower than {_STILL_MPS} m/s", _GREY)
-    for sector in range(_SECTORS):
-        towards = _TOWARDS[round(sector * len(_TOWARDS) / _SECTORS) % len(_TOWARDS)]
-        for level, speed_mps in enumerate(_SPEEDS_MPS):
-            share = (level + 1) / len(_SPEEDS_MPS)
-            red, green, blue = colorsys.hsv_to_rgb(sector / _SECTORS, 0.35 + 0.6 * share, 1.0)
-            colour = round(red * 255), round(green * 255), round(blue * 255)
-            number = _FLOW + 1 + sector * len(_SPEEDS_MPS) + level
-            yield Entry(number, f"{speed_mps} m/s and more, {towards}", colour)
+def _packed(listed: Sequence[colours.Colour]) -> Ints:
+    """Return colours as the viewer takes them: one number each, red first and opacity last."""
+    return np.array(
+        [(red << 24) | (green << 16) | (blue << 8) | 255 for red, green, blue in listed], np.uint32
+    )
 
 
-def _ramp(share: float) -> colours.Colour:
-    """Return a colour from blue over green to red; `share` from 0 to 1."""
-    red, green, blue = colorsys.hsv_to_rgb(0.68 * (1 - share), 0.85, 0.65 + 0.35 * share)
+def _hsv(hue: float, saturation: float, value: float) -> colours.Colour:
+    red, green, blue = colorsys.hsv_to_rgb(hue, saturation, value)
     return round(red * 255), round(green * 255), round(blue * 255)
 
 
+_RAMP = _packed([_hsv(0.68 * (1 - s), 0.85, 0.65 + 0.35 * s) for s in np.linspace(0, 1, _STEPS).tolist()])
+_FLOW = _packed(
+    [
+        _GREY,
+        *(
+            _hsv(sector / _SECTORS, 0.35 + 0.6 * level / len(_SPEEDS_MPS), 1.0)
+            for sector in range(_SECTORS)
+            for level in range(1, len(_SPEEDS_MPS) + 1)
+        ),
+    ]
+)
+
+
+def _ramp_colours(share: Array) -> Ints:
+    steps = np.clip(np.nan_to_num(share), 0, 1) * (_STEPS - 1)
+    return np.asarray(_RAMP[steps.round().astype(int)])
+
+
+def _flow_steps(flow_mps: Array) -> Ints:
+    x_mps, y_mps = np.nan_to_num(np.asarray(flow_mps, dtype=np.float32)[:, :2]).T
+    level = np.searchsorted(_SPEEDS_MPS, np.hypot(x_mps, y_mps), side="right")
+    sector = np.round(np.arctan2(y_mps, x_mps) / (2 * np.pi) * _SECTORS).astype(int) % _SECTORS
+    return np.asarray(np.where(level == 0, 0, sector * len(_SPEEDS_MPS) + level))
+
+
 class WordNumbers:
-    """The numbers of the words of a drive, in the order in which they are met; 0 words at first."""
+    """The numbers and colours of the words of a drive, in the order in which they are met."""
 
     def __init__(self) -> None:
-        """Start with no word at all."""
-        self._number: dict[str, int] = {}
+        """Start with no word but the empty one, whose number is 0."""
+        self._words: dict[str, int] = {"": 0}
 
     def __len__(self) -> int:
-        return len(self._number)
+        return len(self._words)
 
-    def numbers(self, words: tuple[str, ...], word_index: Ints) -> Ints:
-        """Return (n,) the number of the word of each point.
+    def numbers(self, words: Sequence[str], word_index: Ints) -> Ints:
+        """Return (n,) the number of the word of each point, 0 for none.
 
         Args:
             words: Names.
             word_index: (n,) place of each in `words`, -1 for none.
         """
-        of_words = [self._number.setdefault(word, _WORD + 1 + len(self._number)) for word in words if word]
-        table = np.array([*(of_words.pop(0) if word else _WORD for word in words), _WORD])
-        return table[word_index]  # the last entry is that of -1
+        numbers = [self._words.setdefault(word, len(self._words)) for word in words]
+        return np.array([*numbers, 0])[word_index]  # the last entry is that of -1
 
-    def entries(self) -> Iterator[Entry]:
-        """Yield the words that were met."""
-        yield Entry(_WORD, "no word", _GREY)
-        for place, (word, number) in enumerate(self._number.items()):
-            yield Entry(number, word, colours.class_colour(place, word))
+    @property
+    def palette(self) -> Ints:
+        """(w,) the colour of each number."""
+        return _packed([colour for _, _, colour in self.entries()])
 
-
-def layers_of(points: FramePoints) -> dict[str, Array]:
-    """Return the numbers of the n points in each layer that there is, but for the words.
-
-    Args:
-        points: The points of one frame.
-    """
-    layers: dict[str, Array] = {}
-    if points.flow_mps is not None:
-        layers["flow"] = _flow_numbers(points.flow_mps)
-    if points.height_m is not None:
-        steps = (np.asarray(points.height_m, dtype=np.float32) - _LOWEST_M) / _HEIGHT_STEP_M
-        layers["height"] = _HEIGHT + np.clip(np.nan_to_num(steps).round(), 0, _HEIGHT_STEPS - 1).astype(int)
-    if points.is_ground is not None:
-        layers["ground"] = _GROUND + points.is_ground.astype(int)
-    if points.is_moving is not None and points.background is not None:
-        state = np.select([points.is_moving, points.background == 0, points.background == 1], [0, 1, 2], 3)
-        layers["moving"] = _MOTION + state
-    share = np.sqrt(np.clip(np.nan_to_num(points.points.intensity), 0, 1))  # dull returns are the most
-    layers["intensity"] = _INTENSITY + (share * (_INTENSITY_STEPS - 1)).round().astype(int)
-    return layers
-
-
-def _flow_numbers(flow_mps: Array) -> Ints:
-    x_mps, y_mps = np.nan_to_num(np.asarray(flow_mps, dtype=np.float32)[:, :2]).T
-    level = np.searchsorted(_SPEEDS_MPS, np.hypot(x_mps, y_mps), side="right")
-    sector = np.round(np.arctan2(y_mps, x_mps) / (2 * np.pi) * _SECTORS).astype(int) % _SECTORS
-    return np.asarray(np.where(level == 0, _FLOW, _FLOW + sector * len(_SPEEDS_MPS) + level))
+    def entries(self) -> Iterator[tuple[int, str, colours.Colour]]:
+        """Yield number, name and colour of each word."""
+        for word, number in self._words.items():
+            yield number, word or "no word", colours.class_colour(number - 1, word) if word else _GREY

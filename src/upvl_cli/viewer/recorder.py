@@ -12,7 +12,7 @@ from upvl_cli.stages.rows import LabelRow
 from upvl_cli.types import Array, Camera
 from upvl_cli.viewer import entities
 from upvl_cli.viewer.blueprint import blueprint_of
-from upvl_cli.viewer.layers import WordNumbers, fixed_entries
+from upvl_cli.viewer.layers import LEGEND, WordNumbers
 from upvl_cli.viewer.library import rerun_library
 from upvl_cli.viewer.pictures import reduction, size_of
 from upvl_cli.viewer.scene import DriveScene, FrameView, PictureView, SweepView
@@ -45,7 +45,8 @@ def record(
         tick: Called after each frame.
     """
     recorder = DriveRecorder(recording, scene)
-    recorder.log_static(tuple(texts))
+    recorder.log_static((*texts, "colours"))
+    recorder.log_text("colours", LEGEND)
     for view in scene.frame_views():
         recorder.log_frame(view)
         tick()
@@ -88,7 +89,6 @@ class DriveRecorder:
             radius = rr.Radius.ui_points(_POINT_RADIUS_PX)
             style = rr.Points3D.from_fields(radii=radius, show_labels=False)
             recording.log(entities.POINTS, style, static=True)
-            self._log_names()
         for camera in scene.cameras:
             self._log_camera(camera)
 
@@ -111,11 +111,10 @@ class DriveRecorder:
     def _transform(self, parent_from_child: Array) -> Any:
         return self._rerun.Transform3D(translation=parent_from_child[:3, 3], mat3x3=parent_from_child[:3, :3])
 
-    def _log_names(self) -> None:
-        """Log the names of all numbers of layers; again where a frame has brought new words."""
-        entries = [*fixed_entries(), *self._words.entries()]
-        listed = [(entry.number, entry.name, entry.colour) for entry in entries]
-        self._recording.log(entities.POINTS, self._rerun.AnnotationContext(listed), static=True)
+    def _log_words(self) -> None:
+        """Log the names of the words; again where a frame has brought new ones."""
+        context = self._rerun.AnnotationContext(list(self._words.entries()))
+        self._recording.log(entities.POINTS, context, static=True)
         self._words_logged = len(self._words)
 
     def log_frame(self, view: FrameView) -> None:
@@ -137,19 +136,17 @@ class DriveRecorder:
 
     def _log_points(self, sweep: SweepView) -> None:
         rr = self._rerun
-        layers = dict(sweep.layers)
+        layers, numbers = dict(sweep.layers), None
         if sweep.word_index is not None:
-            layers["words"] = self._words.numbers(sweep.words, sweep.word_index)
+            numbers = self._words.numbers(sweep.words, sweep.word_index)
+            layers["words"] = self._words.palette[numbers]
             if len(self._words) != self._words_logged:
-                self._log_names()
-        first = layers.get(self._scene.layer_names[0])
-        numbers = {
-            name: rr.components.ClassIdBatch(values.astype(np.uint16)) for name, values in layers.items()
-        }
+                self._log_words()
+        components = {name: rr.components.ColorBatch(values) for name, values in layers.items()}
         self._recording.log(
             entities.POINTS,
-            rr.Points3D(sweep.xyz_ego_m, class_ids=first),
-            rr.DynamicArchetype(entities.LAYERS, components=numbers),
+            rr.Points3D(sweep.xyz_ego_m, class_ids=numbers),
+            rr.DynamicArchetype(entities.LAYERS, components=components),
         )
 
     def _log_boxes(self, labels: LabelRow) -> None:
@@ -167,6 +164,7 @@ class DriveRecorder:
                 colors=box_colours,
                 labels=box_texts(labels),
                 radii=rr.Radius.ui_points(_EDGE_RADIUS_PX),
+                fill_mode=rr.components.FillMode.MajorWireframe,  # points inside stay visible
             ),
             rr.AnyValues(
                 track_id=labels.track_id,

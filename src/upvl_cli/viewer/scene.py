@@ -15,11 +15,11 @@ from upvl_cli.runtime.parallel import in_order
 from upvl_cli.stages.rows import LabelRow
 from upvl_cli.types import Array, Camera, Floats, Ints
 from upvl_cli.viewer.drive_tables import DriveTables, chosen_frames
-from upvl_cli.viewer.layers import layers_of
+from upvl_cli.viewer.layers import layer_colours
 from upvl_cli.viewer.pictures import BoxEdges, box_edges, jpeg, reduction, size_of
 from upvl_cli.viewer.thinning import evenly_thinned
 
-MAX_POINTS = 20_000  # a frame, by default: 200 frames of six layers take some 70 MB
+MAX_POINTS = 20_000  # a frame, by default: see bench/view.py for the bytes
 PICTURE_PX = 640  # along the longer side, by default
 TAIL_FRAMES = 20  # 2 s of past path at 10 Hz
 _STEPS_OF_A_METRE = 256  # positions are rounded to 4 mm: the bits below are noise, which does not compress
@@ -46,7 +46,7 @@ class SweepView:
 
     Attributes:
         xyz_ego_m: (n, 3) positions.
-        layers: (n,) numbers of each layer by its name, see `viewer.layers`.
+        layers: (n,) colours of each layer by its name, see `viewer.layers`.
         words: Names of words.
         word_index: (n,) place of the word of each point in `words`, -1 for none; None where words were not made.
         total: How many points the sweep has.
@@ -183,7 +183,7 @@ class DriveScene:
         rounded = np.round(xyz_m[kept] * _STEPS_OF_A_METRE) / _STEPS_OF_A_METRE
         return SweepView(
             rounded.astype(np.float32),
-            {name: values[kept] for name, values in layers_of(points).items()},
+            {name: values[kept] for name, values in layer_colours(points).items()},
             points.words,
             None if points.word_index is None else points.word_index[kept],
             len(xyz_m),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -128,8 +129,8 @@ def web_viewer() -> Iterator[WebViewer]:
             f"http://{HOST}:{page}/?url={quote(_data_address(data), safe='')}", recording, process
         )
     finally:
-        process.terminate()
-        process.wait()
+        recording.disconnect()
+        _end(process)
 
 
 def _data_address(port: int) -> str:
@@ -153,12 +154,18 @@ def _start(*arguments: str, data_port: int) -> subprocess.Popen[bytes]:
         with contextlib.suppress(OSError), socket.create_connection((HOST, data_port), timeout=1):
             return process
         time.sleep(0.05)
-    process.kill()
-    process.wait()
+    _end(process)
     raise BadSetting(
         "the viewer of rerun does not start; see why: python -m rerun; or show the drive in a browser: --web, or "
         "save it: --save drive.rrd"
     )
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """End the viewer: the process that we started, and the one that it started."""
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGTERM)
+    process.wait()
 
 
 def _free_port(preferred: int) -> int:
