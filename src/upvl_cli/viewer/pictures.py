@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -74,26 +73,24 @@ def box_edges(camera: Camera, boxes: Boxes, scale: float) -> BoxEdges:
         scale: Factor from pixels of the camera to those of the picture.
     """
     edges = BoxEdges([], [], {})
-    for box, points_m in enumerate(corners(boxes)):
-        for strip_px in _edges_of(camera, points_m, scale):
-            edges.strips_px.append(strip_px)
-            edges.box.append(box)
-            column, row = strip_px[np.argmin(strip_px[:, 1])].tolist()
-            if row < edges.anchor_px.get(box, (0.0, np.inf))[1]:
-                edges.anchor_px[box] = column, row
-    return edges
-
-
-def _edges_of(camera: Camera, corners_m: Array, scale: float) -> Iterator[Floats]:
+    if not len(boxes):
+        return edges
     share = np.linspace(0.0, 1.0, PIECES)[:, None]
-    lines = [corners_m[start] * (1 - share) + corners_m[end] * share for start, end in EDGES]
-    pixels, depth_m, inside = project(camera, np.concatenate(lines))
-    if not inside.any():
-        return
-    seen = (depth_m > MIN_DEPTH_M) & (np.abs(pixels) < FAR_PX).all(axis=1)
+    start_m, end_m = (corners(boxes)[:, [edge[side] for edge in EDGES], None] for side in (0, 1))
+    lines_m = start_m * (1 - share) + end_m * share  # (n, edges, pieces, 3)
+    pixels, depth_m, inside = project(camera, lines_m.reshape(-1, 3))
+    with np.errstate(invalid="ignore"):
+        is_seen = (depth_m > MIN_DEPTH_M) & (np.abs(pixels) < FAR_PX).all(axis=1)
     # The camera counts from the centre of its first pixel, the viewer from the corner of the picture.
-    for strip_px, is_seen in zip(
-        np.split((pixels + 0.5) * scale, len(EDGES)), np.split(seen, len(EDGES)), strict=True
-    ):
-        if is_seen.sum() > 1:
-            yield np.asarray(strip_px[is_seen], dtype=np.float32)
+    strips_px = ((pixels + 0.5) * scale).astype(np.float32).reshape(*lines_m.shape[:3], 2)
+    is_seen = is_seen.reshape(lines_m.shape[:3])
+    for box in np.flatnonzero(inside.reshape(len(boxes), -1).any(axis=1)).tolist():
+        for strip_px, seen in zip(strips_px[box], is_seen[box], strict=True):
+            if np.count_nonzero(seen) > 1:
+                edges.strips_px.append(strip_px[seen])
+                edges.box.append(box)
+        top = np.where(is_seen[box], strips_px[box, ..., 1], np.inf)
+        if np.isfinite(top).any():
+            column, row = strips_px[box].reshape(-1, 2)[top.argmin()].tolist()
+            edges.anchor_px[box] = column, row
+    return edges

@@ -8,6 +8,8 @@ from upvl_cli.types import Array, Ints
 
 _FIRST_EDGE_M = 0.1
 _MIN_GROWTH = 1.1  # of the edge, so that the search ends
+# Between a line of points (1) and a surface (0.5): few steps, and hardly fewer points than asked for.
+_EXPONENT = 0.7
 
 
 def evenly_thinned(xyz_m: Array, max_points: int) -> Ints:
@@ -24,7 +26,7 @@ def evenly_thinned(xyz_m: Array, max_points: int) -> Ints:
     while len(kept) > max_points:
         # A point that shares its cube with an earlier one shares the larger cube as well: only those kept are asked.
         kept = kept[_first_of_cubes(xyz_m[kept], edge_m)]
-        edge_m *= max(_MIN_GROWTH, float(np.sqrt(len(kept) / max_points)))
+        edge_m *= max(_MIN_GROWTH, (len(kept) / max_points) ** _EXPONENT)
     return kept
 
 
