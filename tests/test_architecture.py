@@ -44,7 +44,7 @@ ALLOWED = {
     "export": METHOD | {"pipeline", "stages", "datasets", "query", "export"},
     "viewer": USE_CASES | {"viewer"},
     "report": USE_CASES | {"report", "commands"},
-    "results": USE_CASES | {"results", "query", "viewer"},
+    "results": USE_CASES | {"results", "query", "viewer", "commands"},
     "web": USE_CASES | {"web", "query", "export", "viewer"},
     "cli": USE_CASES
     | {

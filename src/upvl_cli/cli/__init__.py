@@ -26,6 +26,9 @@ from upvl_cli.cli import query
 from upvl_cli.cli import draw
 
 # isort: split
+from upvl_cli.cli import view
+
+# isort: split
 from upvl_cli.cli import export
 
 # isort: split
@@ -33,7 +36,7 @@ from upvl_cli.cli import evaluate, train
 from upvl_cli.cli.application import app
 from upvl_cli.errors import UpvlError, one_line
 
-COMMANDS = (labels, import_, check, stages, query, draw, export, evaluate, train)
+COMMANDS = (labels, import_, check, stages, query, draw, view, export, evaluate, train)
 
 
 def run(arguments: Sequence[str]) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
@@ -18,8 +18,11 @@ from upvl_cli.query.filters import Filters
 from upvl_cli.query.find import find
 from upvl_cli.query.kinds import with_kinds
 from upvl_cli.query.store import STAGE_OF, Store, open_store
-from upvl_cli.query.vocabulary import build_vocabulary
+from upvl_cli.query.vocabulary import Vocabulary, build_vocabulary
 from upvl_cli.stages import classify
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 
 @dataclass(frozen=True)
@@ -53,10 +56,7 @@ def query(workspace: Workspace, request: Request) -> Iterator[Table | str]:
         NotMade: There is nothing to search yet.
     """
     config = query_config(workspace, request.values)
-    classes = with_kinds(request.classes, workspace.settings(classify.STAGE))
-    vocabulary = build_vocabulary(workspace, classes, config, check_spelling=request.check_spelling)
-    store = open_store(workspace, request.source)
-    check_segments(workspace, store, request.filters.segments)
+    vocabulary, store = _words_and_store(workspace, request, config)
     result = find(store, vocabulary, request.filters, config)
     if len(result.hits):
         yield report.hit_table(result.hits, vocabulary, config.top)
@@ -69,6 +69,28 @@ def query(workspace: Workspace, request: Request) -> Iterator[Table | str]:
 
         path = stem.with_name(f"{stem.name}.png")
         yield str(draw_sheet(workspace, result.hits, vocabulary, config.sheet_objects, path))
+
+
+def all_hits(workspace: Workspace, request: Request) -> pa.Table:
+    """Return all hits of a query, best first, with one row a box; nothing is printed or drawn.
+
+    Raises:
+        BadSetting: A word is likely misspelt or has no vector, or a drive is unknown.
+        NotMade: There is nothing to search yet.
+    """
+    config = query_config(workspace, request.values)
+    vocabulary, store = _words_and_store(workspace, request, config)
+    result = find(store, vocabulary, request.filters, config)
+    return report.hits_as_table(result.hits, vocabulary)
+
+
+def _words_and_store(workspace: Workspace, request: Request, config: QueryConfig) -> tuple[Vocabulary, Store]:
+    """Return the vectors of the words, and the boxes to search."""
+    classes = with_kinds(request.classes, workspace.settings(classify.STAGE))
+    vocabulary = build_vocabulary(workspace, classes, config, check_spelling=request.check_spelling)
+    store = open_store(workspace, request.source)
+    check_segments(workspace, store, request.filters.segments)
+    return vocabulary, store
 
 
 def query_config(workspace: Workspace, values: Mapping[str, Any]) -> QueryConfig:
