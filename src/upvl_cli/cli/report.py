@@ -17,7 +17,9 @@ def report(
     segment: Segments = None,
     to: Annotated[
         Path | None,
-        typer.Option(help="File of the page; report.html in the folder of the results when left out.", metavar="FILE"),
+        typer.Option(
+            help="File of the page; report.html in the folder of the results when left out.", metavar="FILE"
+        ),
     ] = None,
     against: Annotated[
         Path | None,

@@ -81,6 +81,7 @@ def image_from_above(
     view: View = VIEW,
     paints: Sequence[BoxPaint] | None = None,
     has_tails: bool = True,
+    title: str | None = None,
 ) -> Image:
     """Return one frame from above: points by state, boxes, and the past path of their tracks.
 
@@ -92,6 +93,7 @@ def image_from_above(
         view: The part of the ground to show.
         paints: Of each box its colour and text; None takes those of the tracks.
         has_tails: Whether to draw the past path of the tracks.
+        title: Text of the upper left corner; None names the drive, the frame and the number of boxes.
 
     Raises:
         NotMade: The ground, the mask or the poses are missing.
@@ -107,7 +109,7 @@ def image_from_above(
         state,
         boxes,
         _tails(labels, workspace.table("odometry", OdometryRow, segment), frame) if has_tails else {},
-        f"{segment}  frame {frame}  {len(boxes)} boxes",
+        f"{segment}  frame {frame}  {len(boxes)} boxes" if title is None else title,
         paints,
     )
 

@@ -83,9 +83,7 @@ def birds_eye(
         _dots(canvas, view.pixels(xyz_ego_m[state == number, :2]), colour, wide=number == 2)
     image = Image.fromarray(canvas)
     draw = ImageDraw.Draw(image)
-    colour_of = {
-        int(track_id): paint.colour for track_id, paint in zip(boxes.track_id, paints, strict=True)
-    }
+    colour_of = {int(track_id): paint.colour for track_id, paint in zip(boxes.track_id, paints, strict=True)}
     for track_id, tail in tails.items():
         colour = colour_of.get(track_id, colours.track_colour(track_id))
         _line(draw, view.pixels(tail), colour, width=2)
@@ -100,7 +98,9 @@ def _grid(canvas: Array, view: View) -> None:
     for x in np.arange(np.ceil(view.x_min_m / GRID_M) * GRID_M, view.x_max_m, GRID_M):
         canvas[int(np.clip((view.x_max_m - x) * view.pixels_per_metre, 0, len(canvas) - 1))] = colours.GRID
     for y in np.arange(np.ceil(view.y_min_m / GRID_M) * GRID_M, view.y_max_m, GRID_M):
-        canvas[:, int(np.clip((view.y_max_m - y) * view.pixels_per_metre, 0, canvas.shape[1] - 1))] = colours.GRID
+        canvas[:, int(np.clip((view.y_max_m - y) * view.pixels_per_metre, 0, canvas.shape[1] - 1))] = (
+            colours.GRID
+        )
 
 
 def _dots(canvas: Array, pixels: Array, colour: colours.Colour, *, wide: bool) -> None:

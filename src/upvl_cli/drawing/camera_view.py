@@ -48,20 +48,34 @@ def camera_view(
         ]
     draw = ImageDraw.Draw(image)
     far_first = np.argsort(-np.linalg.norm(boxes.center_m[:, :2], axis=1))
-    for box, points in zip(far_first.tolist(), corners(boxes[far_first]), strict=True):
-        _box(draw, camera, points, scale, paints[box])
+    uv_px, is_drawn = _edges(camera, corners(boxes[far_first]))
+    for place, box in enumerate(far_first.tolist()):
+        _box(draw, (uv_px[place] + 0.5) * scale, is_drawn[place], paints[box])
     return image
 
 
-def _box(draw: ImageDraw.ImageDraw, camera: Camera, points: Array, scale: float, paint: BoxPaint) -> None:
+def _edges(camera: Camera, corners_m: Array) -> tuple[Array, Array]:
+    """Return (n, 12, k, 2) pixels of the pieces of all edges, and (n, 12, k) whether each can be drawn.
+
+    Args:
+        camera: The camera of the picture.
+        corners_m: (n, 8, 3) corners of the boxes, in ego axes.
+    """
+    share = np.linspace(0.0, 1.0, PIECES)[:, None]
+    start, end = np.array(EDGES).T
+    points = corners_m[:, start, None] * (1 - share) + corners_m[:, end, None] * share  # (n, 12, k, 3)
+    uv_px, depth_m, _ = project(camera, points.reshape(-1, 3))
+    is_drawn = (depth_m > MIN_DEPTH_M) & (np.abs(uv_px) < FAR_PX).all(axis=1)  # and finite
+    return uv_px.reshape(*points.shape[:3], 2), is_drawn.reshape(points.shape[:3])
+
+
+def _box(draw: ImageDraw.ImageDraw, pixels: Array, is_drawn: Array, paint: BoxPaint) -> None:
+    """Draw the edges of one box, given (12, k, 2) pixels of their pieces and which of them can be drawn."""
     anchors = []
-    for start, end in EDGES:
-        share = np.linspace(0.0, 1.0, PIECES)[:, None]
-        pixels, depth_m, _ = project(camera, points[start] * (1 - share) + points[end] * share)
-        seen = (depth_m > MIN_DEPTH_M) & (np.abs(pixels) < FAR_PX).all(axis=1)  # and finite
-        if seen.sum() < 2:
+    for edge, (start, end) in enumerate(EDGES):
+        if is_drawn[edge].sum() < 2:
             continue
-        line = [(float(column), float(row)) for column, row in (pixels[seen] + 0.5) * scale]
+        line = [(float(column), float(row)) for column, row in pixels[edge][is_drawn[edge]]]
         draw.line(line, fill=paint.colour, width=3 if {start, end} <= set(FRONT) else 1)
         anchors.append(line[0])
     if anchors:

@@ -22,6 +22,14 @@ CLASSES: dict[str, Colour] = {
     "unknown": (124, 133, 148),
 }
 
+# What became of a box between two runs.
+CHANGES: dict[str, Colour] = {
+    "kept": (124, 133, 148),
+    "moved": (245, 180, 60),
+    "new": (64, 200, 120),
+    "lost": (240, 82, 90),
+}
+
 _HUE_STEP = 0.61803398875  # golden ratio: the hues of successive ids lie far apart
 
 

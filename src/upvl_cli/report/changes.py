@@ -12,6 +12,7 @@ from upvl_cli.errors import NotMade, UpvlError, one_line
 from upvl_cli.geometry.camera import project
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.report.comparison import (
+    KEPT_IOU,
     BoxChanges,
     DriveChange,
     change_paints,
@@ -52,6 +53,7 @@ class RunChanges:
         pictures: Pictures of that frame.
         left_out: Drives that only one of the runs has.
         missing: What could not be had.
+        kept_iou: 3D IoU from which on a matched box counts as kept.
     """
 
     name: str
@@ -65,6 +67,7 @@ class RunChanges:
     pictures: list[Picture]
     left_out: int
     missing: list[MissingPart] = field(default_factory=list)
+    kept_iou: float = KEPT_IOU
 
 
 def gather_changes(
@@ -91,7 +94,9 @@ def gather_changes(
     if not pairs:
         raise NotMade(f"--against {against}: its labels are damaged; delete them and make them again")
     changed = [compare_drive(before, after) for before, after in pairs]
-    worst = max((change for change in changed if change.worst_place >= 0), key=lambda c: c.worst.total, default=None)
+    worst = max(
+        (change for change in changed if change.worst_place >= 0), key=lambda c: c.worst.total, default=None
+    )
     provenance = provenance_of(other, common)
     costs = {cost.stage: cost.seconds for cost in stage_costs(other, common)}
     own = {cost.stage: cost.seconds for cost in stage_costs(workspace, common)}
@@ -104,7 +109,9 @@ def gather_changes(
             concat_tracks([tracks_of(after) for _, after in pairs]),
         ),
         settings=settings_between(provenance.values, contents.provenance.values),
-        times=[StageTimes(stage, costs.get(stage), own.get(stage)) for stage in dict.fromkeys([*own, *costs])],
+        times=[
+            StageTimes(stage, costs.get(stage), own.get(stage)) for stage in dict.fromkeys([*own, *costs])
+        ],
         versions=settings_between(provenance.versions, contents.provenance.versions),
         worst=worst,
         pictures=[],
@@ -129,7 +136,9 @@ def _draw_worst(
             workspace, after.segment, frame, boxes, view=VIEW, paints=paints, has_tails=False
         )
         found.pictures.append(
-            as_picture(image, f"Bird's-eye view of frame {frame} of {after.segment}: {text}", "Bird's-eye view")
+            as_picture(
+                image, f"Bird's-eye view of frame {frame} of {after.segment}: {text}", "Bird's-eye view"
+            )
         )
         drive = workspace.drive(after.segment)
         cameras = sorted(drive.cameras, key=lambda camera: -int(project(camera, boxes.center_m)[2].sum()))

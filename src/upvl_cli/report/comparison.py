@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from upvl_cli.drawing.birds_eye import BoxPaint
-from upvl_cli.drawing.colours import Colour
+from upvl_cli.drawing.colours import CHANGES
 from upvl_cli.errors import BadSetting, NotMade
 from upvl_cli.geometry.boxes import geometry_of
 from upvl_cli.geometry.iou import iou_3d
@@ -18,14 +18,10 @@ from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.report.drive_labels import DriveLabels, read_labels
 from upvl_cli.types import Array, Ints, TrackedBoxes
 
-KEPT_IOU = 0.7  # the 3D IoU that benchmarks of vehicles ask for: below it a box stands elsewhere or has another size
+KEPT_IOU = (
+    0.7  # the 3D IoU that benchmarks of vehicles ask for: below it a box stands elsewhere or has another size
+)
 NEAR_M = 1.0  # small boxes that moved by their own width overlap no more, and are matched by their centres
-COLOURS: dict[str, Colour] = {
-    "kept": (124, 133, 148),
-    "moved": (245, 180, 60),
-    "new": (64, 200, 120),
-    "lost": (240, 82, 90),
-}
 
 
 @dataclass(frozen=True)
@@ -104,7 +100,9 @@ def other_run(workspace: Workspace, out: Path, segments: Sequence[str]) -> tuple
         BadSetting: The folder is missing, or has labels of none of the drives.
     """
     if not out.is_dir():
-        raise BadSetting(f"--against {out}: no such folder; name the folder of another run's results, such as out2")
+        raise BadSetting(
+            f"--against {out}: no such folder; name the folder of another run's results, such as out2"
+        )
     other = Workspace(workspace.pipeline, workspace.stages, out)
     common = [segment for segment in segments if other.shard("labels", segment).exists()]
     if not common:
@@ -177,10 +175,10 @@ def change_paints(
     lost = np.setdiff1d(np.arange(len(old)), match.before)
     moved_from = match.before[match.iou < KEPT_IOU]
     first = np.concatenate([moved_from, lost])
-    paints = [BoxPaint(COLOURS["kept"], "")] * len(moved_from)
-    paints += [BoxPaint(COLOURS["lost"], str(track_id)) for track_id in old.track_id[lost].tolist()]
+    paints = [BoxPaint(CHANGES["kept"], "")] * len(moved_from)
+    paints += [BoxPaint(CHANGES["lost"], str(track_id)) for track_id in old.track_id[lost].tolist()]
     paints += [
-        BoxPaint(COLOURS[name], "" if name == "kept" else str(track_id))
+        BoxPaint(CHANGES[name], "" if name == "kept" else str(track_id))
         for name, track_id in zip(state, new.track_id.tolist(), strict=True)
     ]
     return _concat(old[first], new), paints
@@ -188,7 +186,9 @@ def change_paints(
 
 def _concat(first: TrackedBoxes, second: TrackedBoxes) -> TrackedBoxes:
     names = TrackedBoxes.__dataclass_fields__
-    return TrackedBoxes(**{name: np.concatenate([getattr(first, name), getattr(second, name)]) for name in names})
+    return TrackedBoxes(
+        **{name: np.concatenate([getattr(first, name), getattr(second, name)]) for name in names}
+    )
 
 
 def read_both(other: Workspace, after: DriveLabels) -> DriveLabels | None:

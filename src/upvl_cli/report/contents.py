@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import contextlib
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,6 +12,7 @@ from upvl_cli.commands.drive_check import FullCheck, kept_full_report, kept_repo
 from upvl_cli.commands.verdict import verdict
 from upvl_cli.errors import NotMade, UpvlError, one_line
 from upvl_cli.perception.drive_check.finding import LEVELS
+from upvl_cli.pipeline.runner import state
 from upvl_cli.pipeline.tables import read_footer
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.report.costs import StageCost, StageCounts, stage_costs, stage_counts
@@ -30,6 +32,7 @@ MIN_MAP_BYTES = 6_000  # a map with less shows too few tracks
 MOST_DRIVES = 1000  # rows of the table of drives, some 400 bytes each
 MOST_FINDINGS = 300
 MOST_CARDS = 20
+MOST_STALE = 200  # drives that are asked whether their labels are stale
 
 
 @dataclass(frozen=True)
@@ -117,7 +120,9 @@ def labelled_drives(workspace: Workspace, segments: Sequence[str]) -> tuple[list
     return [name for name in has_labels if has_labels[name]], without
 
 
-def gather_contents(workspace: Workspace, drives: Sequence[DriveLabels], unlabelled: Sequence[str]) -> Contents:
+def gather_contents(
+    workspace: Workspace, drives: Sequence[DriveLabels], unlabelled: Sequence[str]
+) -> Contents:
     """Return all that the page shows but what changed.
 
     Args:
@@ -131,6 +136,7 @@ def gather_contents(workspace: Workspace, drives: Sequence[DriveLabels], unlabel
     missing = [MissingPart(f"labels of {name}", "it is not labelled", f"upvl autolabel --all-motion -s {name}")
                for name in unlabelled[:20]]  # fmt: skip
     suspicions, result = _verdict(workspace, names, missing)
+    suspicions = [*_stale(workspace, names), *suspicions]
     rankings, histograms = distributions(drives, tracks)
     provenance = provenance_of(workspace, names)
     reports = _drive_reports(workspace, drives, tables, provenance, missing)
@@ -141,7 +147,9 @@ def gather_contents(workspace: Workspace, drives: Sequence[DriveLabels], unlabel
     costs = list(stage_costs(workspace, names))
     if unknown := [cost.stage for cost in costs if cost.seconds is None]:
         reason = f"out/runs.jsonl does not hold the runs of {', '.join(unknown)}"
-        missing.append(MissingPart("time and memory", reason, "upvl autolabel --all-motion, into an empty folder"))
+        missing.append(
+            MissingPart("time and memory", reason, "upvl autolabel --all-motion, into an empty folder")
+        )
     return Contents(
         suspicions=suspicions,
         verdict=result,
@@ -163,15 +171,23 @@ def gather_contents(workspace: Workspace, drives: Sequence[DriveLabels], unlabel
     )
 
 
-def _verdict(
-    workspace: Workspace, names: Sequence[str], missing: list[MissingPart]
-) -> tuple[list[str], str]:
+def _verdict(workspace: Workspace, names: Sequence[str], missing: list[MissingPart]) -> tuple[list[str], str]:
     try:
         *suspicions, result = verdict(workspace, names)
     except UpvlError as error:
         missing.append(MissingPart("verdict", one_line(error), "upvl summary"))
         return [], ""
     return suspicions, result.removeprefix("verdict: ")
+
+
+def _stale(workspace: Workspace, names: Sequence[str]) -> Iterator[str]:
+    """Yield the drives whose labels do not follow from the present settings and files."""
+    stage = workspace.pipeline.by_name["labels"]
+    for name in names[:MOST_STALE]:
+        with contextlib.suppress(UpvlError):  # the settings or the drive are gone, which the verdict tells
+            condition, reason = state(workspace, stage, name)
+            if condition == "stale":
+                yield f"stale: {name}: its labels were made with something else ({reason}); run: upvl autolabel"
 
 
 def _totals(
@@ -184,7 +200,9 @@ def _totals(
     footers = [read_footer(workspace.shard("detect", labels.segment)) for labels in drives]
     found = [sum(rows for _, rows, _ in footer.frames) for footer in footers if footer]
     if not found:
-        missing.append(MissingPart("boxes of the detector", "none were made", "upvl train, then: upvl detect"))
+        missing.append(
+            MissingPart("boxes of the detector", "none were made", "upvl train, then: upvl detect")
+        )
     travelled = [report.travel_m for report in reports if report.travel_m is not None]
     return FoundTotals(
         drives=len(drives),
@@ -213,7 +231,9 @@ def _drive_reports(
     for found in frame_pictures(workspace, drives, budget):
         pictures.setdefault(found.segment, []).append(found)
         if found.fault:
-            missing.append(MissingPart(f"pictures of {found.segment}", found.fault, "upvl draw " + found.segment))
+            missing.append(
+                MissingPart(f"pictures of {found.segment}", found.fault, "upvl draw " + found.segment)
+            )
     reports = []
     for number, (labels, tracks) in enumerate(zip(drives, tables, strict=True)):
         poses = _poses(workspace, labels, missing)
@@ -278,14 +298,20 @@ def _checks(
         if full is None and quick is None:
             unchecked.append(name)
             continue
-        checks.append(CheckSummary(name, full is not None, full or FullCheck(quick.findings if quick else (), ())))
+        checks.append(
+            CheckSummary(name, full is not None, full or FullCheck(quick.findings if quick else (), ()))
+        )
     if unchecked:
         reason = "they were not checked with the present settings"
         missing.append(MissingPart(f"check of {_few(unchecked)}", reason, f"upvl check {unchecked[0]}"))
     if without_card:
         reason = "sensors are measured by the full check"
-        missing.append(MissingPart(f"sensor card of {_few(without_card)}", reason, f"upvl check {without_card[0]}"))
-    checks.sort(key=lambda item: -max((LEVELS.index(found.level) for found in item.check.findings), default=0))
+        missing.append(
+            MissingPart(f"sensor card of {_few(without_card)}", reason, f"upvl check {without_card[0]}")
+        )
+    checks.sort(
+        key=lambda item: -max((LEVELS.index(found.level) for found in item.check.findings), default=0)
+    )
     shown, room = [], MOST_FINDINGS
     for number, item in enumerate(checks):
         findings = item.check.findings[: max(room, 0)]

@@ -20,7 +20,7 @@ class StageCost:
     Attributes:
         stage: Its name.
         shards: Number of its shards.
-        frames: Number of their frames.
+        frames: Number of their frames; 0 for a stage that is made once for all drives.
         seconds: Time that making them took; None where the log of runs does not hold it.
         peak_mib: Largest resident memory of a process that made one of them; None where the log does not hold it.
         size_bytes: Size of their files.
@@ -74,7 +74,7 @@ def stage_costs(workspace: Workspace, segments: Sequence[str]) -> Iterator[Stage
         yield StageCost(
             stage=stage.name,
             shards=len(footers),
-            frames=sum(footer.rows for footer in footers.values()),
+            frames=0 if stage.is_of_dataset else sum(footer.rows for footer in footers.values()),
             seconds=sum(run.seconds for run in known) if is_complete else None,
             peak_mib=max(peaks) if peaks else None,
             size_bytes=sum(paths[drive].stat().st_size for drive in footers),

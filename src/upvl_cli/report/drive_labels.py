@@ -45,12 +45,12 @@ class DriveLabels:
     @property
     def speed_mps(self) -> Array:
         """(n,) horizontal speed of each box over the ground."""
-        return np.linalg.norm(self.boxes.velocity_mps[:, :2], axis=1)
+        return np.asarray(np.linalg.norm(self.boxes.velocity_mps[:, :2], axis=1))
 
     @property
     def range_m(self) -> Array:
         """(n,) horizontal distance of each box from the car."""
-        return np.linalg.norm(self.boxes.center_m[:, :2], axis=1)
+        return np.asarray(np.linalg.norm(self.boxes.center_m[:, :2], axis=1))
 
     def at(self, place: int) -> Ints:
         """Return the places of the boxes of one frame, given the place of the frame."""

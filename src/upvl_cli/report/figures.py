@@ -15,7 +15,7 @@ WIDTH, HEIGHT = 360.0, 200.0  # of the drawing; a phone shows it at about this s
 LEFT, RIGHT, TOP, BOTTOM = 40.0, 8.0, 10.0, 34.0  # margins
 MOST_BINS = 24
 ROW_HEIGHT, NAME_WIDTH, COUNT_WIDTH = 22.0, 118.0, 52.0  # of a ranking
-LONGEST_NAME = 19  # characters of a name that fit into NAME_WIDTH
+LONGEST_NAME = 16  # characters of a name that fit into NAME_WIDTH
 MOST_ROWS = 14
 
 
@@ -104,7 +104,7 @@ def round_step(span: float, most: int) -> float:
     return float(next(power * factor for factor in (1, 2, 5, 10) if power * factor >= smallest * (1 - 1e-9)))
 
 
-def histogram(title: str, unit: str, values: Array, kinds: Sequence[str]) -> Histogram | None:
+def histogram(title: str, unit: str, values: Array, kinds: Sequence[str] | Array) -> Histogram | None:
     """Return a histogram from 0 up, or None without a finite value.
 
     Args:

@@ -3,16 +3,27 @@
 from __future__ import annotations
 
 import re
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from upvl_cli.drawing.colours import CLASSES
-from upvl_cli.report.changes import RunChanges
-from upvl_cli.report.comparison import COLOURS, KEPT_IOU
+from upvl_cli.drawing.colours import CHANGES, CLASSES
 from upvl_cli.report.contents import Contents
-from upvl_cli.report.figures import BOTTOM, COUNT_WIDTH, HEIGHT, LEFT, NAME_WIDTH, RIGHT, ROW_HEIGHT, TOP, WIDTH
+from upvl_cli.report.figures import (
+    BOTTOM,
+    COUNT_WIDTH,
+    HEIGHT,
+    LEFT,
+    NAME_WIDTH,
+    RIGHT,
+    ROW_HEIGHT,
+    TOP,
+    WIDTH,
+)
+
+if TYPE_CHECKING:
+    from upvl_cli.report.changes import RunChanges
 
 # The folders of an absolute path: they name a person's machine, and a report is handed on.
 _FOLDERS = re.compile(r"(?<![\w.~-])(?:[A-Za-z]:)?/(?:[^\s/\"'<>|:;,()]+/)+(?=[^\s/])")
@@ -44,8 +55,7 @@ def render_page(contents: Contents, changes: RunChanges | None) -> str:
         changes=changes,
         layout=layout,
         class_colours={name: _hex(colour) for name, colour in CLASSES.items()},
-        change_colours={name: _hex(colour) for name, colour in COLOURS.items()},
-        kept_iou=KEPT_IOU,
+        change_colours={name: _hex(colour) for name, colour in CHANGES.items()},
     )
 
 

@@ -30,6 +30,7 @@ CAMERA_WIDTH_PX = 800
 QUALITY = 72
 # Where in a drive pictures are taken, by order of importance: as shares of its frames.
 MOMENTS = (0.5, 1 / 6, 5 / 6)
+MOST_FRAMES = 10  # beyond the middle frame of every drive: reading a sweep and its pictures takes a second
 ALL_CAMERAS_DRIVES = 2  # up to so many drives the middle frame is shown by every camera
 MAX_TEXT_BOXES = 40  # with more boxes in a frame their numbers cover each other: those of moving ones stay
 
@@ -83,9 +84,10 @@ def frame_pictures(
         budget: What the pictures may take; drawing ends when it is used up.
     """
     broken: set[str] = set()
+    drawn = 0
     for moment in MOMENTS:
         for labels in drives:
-            if budget.refused:
+            if budget.refused or (moment != MOMENTS[0] and drawn >= MOST_FRAMES):
                 return
             if not len(labels.frames) or labels.segment in broken:
                 continue
@@ -94,6 +96,7 @@ def frame_pictures(
                 continue
             every_camera = len(drives) <= ALL_CAMERAS_DRIVES and moment == MOMENTS[0]
             found = _of_frame(workspace, labels, place, budget, every_camera=every_camera)
+            drawn += 1
             if found.fault:
                 broken.add(labels.segment)
             yield found

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from upvl_cli.errors import BadSetting
 from upvl_cli.pipeline.workspace import Workspace
-from upvl_cli.report.changes import gather_changes
 from upvl_cli.report.contents import gather_contents, labelled_drives, read_drives
 from upvl_cli.report.page import render_page
 from upvl_cli.runtime.atomic import atomic_file
@@ -44,12 +43,17 @@ def write_report(
     if path.is_dir():
         raise BadSetting(f"--to {path}: this is a folder; name a file in it, such as {path / 'report.html'}")
     if against is not None and against.exists() and against.resolve() == workspace.out.resolve():
-        raise BadSetting(f"--against {against}: this is the folder of the results themselves; name another run's")
+        raise BadSetting(
+            f"--against {against}: this is the folder of the results themselves; name another run's"
+        )
     names, unlabelled = labelled_drives(workspace, segments)
     drives = read_drives(workspace, names)
     contents = gather_contents(workspace, drives, unlabelled)
-    changes = None if against is None else gather_changes(workspace, against, drives, contents)
-    if changes is not None:
+    changes = None
+    if against is not None:
+        from upvl_cli.report.changes import gather_changes  # loads SciPy's optimizer
+
+        changes = gather_changes(workspace, against, drives, contents)
         contents.missing += changes.missing
     page = render_page(contents, changes).encode("utf-8", "replace")
     with atomic_file(path) as file:

@@ -53,7 +53,15 @@ def score_sheets(workspace: Workspace, segments: Sequence[str]) -> Iterator[Scor
         try:
             content = json.loads(path.read_text(encoding="utf-8"))
             yield _sheet(path, content, segments, is_old=path.stat().st_mtime < newest)
-        except (OSError, ValueError, KeyError, TypeError, IndexError, AttributeError, RecursionError) as error:
+        except (
+            OSError,
+            ValueError,
+            KeyError,
+            TypeError,
+            IndexError,
+            AttributeError,
+            RecursionError,
+        ) as error:
             note = f"the file is damaged ({one_line(error)}); run upvl eval again"
             yield ScoreSheet(path.stem, "", (note,), ())
 
@@ -62,7 +70,11 @@ def _sheet(path: Path, content: Mapping[str, Any], segments: Sequence[str], *, i
     scope = content["scope"]
     scored = [str(name) for name in scope["segments"]]
     region = scope.get("region")
-    area = f", {_number(region['length_m'], 0)} x {_number(region['width_m'], 0)} m around the car" if region else ""
+    area = (
+        f", {_number(region['length_m'], 0)} x {_number(region['width_m'], 0)} m around the car"
+        if region
+        else ""
+    )
     notes = []
     if set(scored) != set(segments):
         names = ", ".join(scored[:5]) + (", ..." if len(scored) > 5 else "")
@@ -81,35 +93,54 @@ def _sheet(path: Path, content: Mapping[str, Any], segments: Sequence[str], *, i
 
 
 def _tables(content: Mapping[str, Any]) -> Iterator[ScoreTable]:
-    if detection := content.get("detection"):
-        columns = ("objects", "IoU", "labels", "AP L1", "AP L2", "APH L1", "APH L2", "precision", "recall")
-        rows = [
-            (
-                str(score["objects"]), f"{score['iou']:g}", str(score["labels"][1]),
-                *map(_number, (*score["ap"], *score["aph"], score["precision"], score["recall"])),
-            )
-            for score in detection
-        ]  # fmt: skip
-        yield ScoreTable("Boxes of any class (precision and recall at the best F1)", columns, tuple(rows))
-    if named := content.get("named"):
-        rows = [
-            (f"{score['iou']:g}", *(_number(score[key]) for key in ("vehicle", "vru", "mean"))) for score in named
-        ]
-        title = "Average precision by class (L2); VRU are pedestrians and cyclists"
-        yield ScoreTable(title, ("IoU", "vehicle", "VRU", "mean"), tuple(rows))
-    if tracking := content.get("tracking"):
-        keys = ("mota", "motp", "miss", "false_positive", "mismatch")
-        rows = [
-            (f"{score['iou']:g}", f"L{score['level']}", str(score["labels"]), *(_number(score[key]) for key in keys))
-            for score in tracking
-        ]
-        columns = ("IoU", "level", "labels", "MOTA", "MOTP", "missed", "false", "mismatched")
-        yield ScoreTable("Tracks (CLEAR-MOT; MOTP is the mean of 1 - IoU)", columns, tuple(rows))
-    if flow := content.get("flow"):
-        errors = flow["errors"]
-        names = {"dynamic_epe_m": "moving objects", "static_epe_m": "standing objects", "background_epe_m": "background"}
-        rows = [(name, _number(errors[key])) for key, name in names.items()]
-        yield ScoreTable("Flow: mean end-point error of a sweep", ("points", "error (m)"), tuple(rows))
+    parts = (
+        ("detection", _detection_table),
+        ("named", _named_table),
+        ("tracking", _tracking_table),
+        ("flow", _flow_table),
+    )
+    for key, table in parts:
+        if part := content.get(key):
+            yield table(part)
+
+
+def _detection_table(scores: Any) -> ScoreTable:
+    columns = ("objects", "IoU", "labels", "AP L1", "AP L2", "APH L1", "APH L2", "precision", "recall")
+    rows = []
+    for score in scores:
+        numbers = (*score["ap"], *score["aph"], score["precision"], score["recall"])
+        head = (str(score["objects"]), f"{score['iou']:g}", str(score["labels"][1]))
+        rows.append((*head, *map(_number, numbers)))
+    return ScoreTable("Boxes of any class (precision and recall at the best F1)", columns, tuple(rows))
+
+
+def _named_table(scores: Any) -> ScoreTable:
+    rows = [
+        (f"{score['iou']:g}", *(_number(score[key]) for key in ("vehicle", "vru", "mean")))
+        for score in scores
+    ]
+    title = "Average precision by class (L2); VRU are pedestrians and cyclists"
+    return ScoreTable(title, ("IoU", "vehicle", "VRU", "mean"), tuple(rows))
+
+
+def _tracking_table(scores: Any) -> ScoreTable:
+    keys = ("mota", "motp", "miss", "false_positive", "mismatch")
+    columns = ("IoU", "level", "labels", "MOTA", "MOTP", "missed", "false", "mismatched")
+    rows = []
+    for score in scores:
+        head = (f"{score['iou']:g}", f"L{score['level']}", str(score["labels"]))
+        rows.append((*head, *(_number(score[key]) for key in keys)))
+    return ScoreTable("Tracks (CLEAR-MOT; MOTP is the mean of 1 - IoU)", columns, tuple(rows))
+
+
+def _flow_table(flow: Any) -> ScoreTable:
+    names = (
+        ("dynamic_epe_m", "moving objects"),
+        ("static_epe_m", "standing objects"),
+        ("background_epe_m", "background"),
+    )
+    rows = [(name, _number(flow["errors"][key])) for key, name in names]
+    return ScoreTable("Flow: mean end-point error of a sweep", ("points", "error (m)"), tuple(rows))
 
 
 def _number(value: float | None, digits: int = 3) -> str:

@@ -66,7 +66,9 @@ def provenance_of(workspace: Workspace, segments: Sequence[str]) -> Provenance:
     detect = next((f.stamp for s in segments if (f := read_footer(workspace.shard("detect", s)))), "")
     flat_detect = flatten(detect)
     everything = flat_detect | one
-    contents = {"vlm.content": "files of the model"} | ({"raw.content": "files of the drive"} if len(stamps) == 1 else {})
+    contents = {"vlm.content": "files of the model"} | (
+        {"raw.content": "files of the drive"} if len(stamps) == 1 else {}
+    )
     return Provenance(
         upvl_version=_package_version(),
         values=_settings_in(flat_detect) | values,
@@ -89,7 +91,9 @@ def changed_settings(workspace: Workspace, values: Mapping[str, Any]) -> tuple[S
         values: Value of each setting by its full name.
     """
     shipped = dict(_shipped_values(workspace))
-    return settings_between({name: shipped[name] for name in values if name in shipped}, values, known=shipped)
+    return settings_between(
+        {name: shipped[name] for name in values if name in shipped}, values, known=shipped
+    )
 
 
 def settings_between(

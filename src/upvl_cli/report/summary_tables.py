@@ -13,6 +13,7 @@ from upvl_cli.report.figures import Histogram, Ranking, histogram, kind_of, rank
 from upvl_cli.types import Array
 
 MOST_CLASSES = 40
+NO_WORD = "(no word)"  # of tracks that no camera saw
 
 
 @dataclass(frozen=True)
@@ -50,13 +51,11 @@ class ClassCounts:
 
 
 def class_counts(drives: Sequence[DriveLabels], tracks: TrackTable) -> Iterator[ClassCounts]:
-    """Yield what was found of each class, the class of most tracks first."""
+    """Yield what was found of each class: the usual classes in their order, then others by their names."""
     box_class = np.concatenate([labels.class_name for labels in drives])
     is_moving = np.concatenate([labels.is_moving for labels in drives])
     speed_mps = np.concatenate([labels.speed_mps for labels in drives])
-    names, counts = np.unique(tracks.class_name, return_counts=True)
-    for place in np.argsort(-counts, kind="stable")[:MOST_CLASSES].tolist():
-        name = str(names[place])
+    for name in _ordered({str(name) for name in np.unique(tracks.class_name)}):
         mine, boxes = tracks.class_name == name, box_class == name
         moving = speed_mps[boxes & is_moving]
         length_m, width_m, height_m = np.median(tracks.size_lwh_m[mine], axis=0).tolist()
@@ -84,7 +83,7 @@ def travel_m(world_from_ego: Array) -> float:
 def distributions(drives: Sequence[DriveLabels], tracks: TrackTable) -> tuple[list[Ranking], list[Histogram]]:
     """Return rankings of classes and words, and histograms; those without a value are left out."""
     kinds = [str(name) for name in tracks.class_name]
-    words = [str(word) or "no word: no camera saw it" for word in tracks.word]
+    words = [str(word) or NO_WORD for word in tracks.word]
     rankings = [ranking("Tracks by class", kinds, kinds), ranking("Tracks by word", words, kinds)]
     box = {
         name: np.concatenate([getattr(labels, name) for labels in drives])
@@ -92,8 +91,12 @@ def distributions(drives: Sequence[DriveLabels], tracks: TrackTable) -> tuple[li
     }
     moving = box["is_moving"]
     histograms = [
-        histogram("Moving boxes by speed", "speed (m/s)", box["speed_mps"][moving], box["class_name"][moving]),
-        histogram("Boxes by range", "horizontal distance from the car (m)", box["range_m"], box["class_name"]),
+        histogram(
+            "Moving boxes by speed", "speed (m/s)", box["speed_mps"][moving], box["class_name"][moving]
+        ),
+        histogram(
+            "Boxes by range", "horizontal distance from the car (m)", box["range_m"], box["class_name"]
+        ),
         histogram("Tracks by length", "length of the box (m)", tracks.size_lwh_m[:, 0], kinds),
         histogram("Tracks by width", "width of the box (m)", tracks.size_lwh_m[:, 1], kinds),
         histogram("Tracks by height", "height of the box (m)", tracks.size_lwh_m[:, 2], kinds),
@@ -112,6 +115,8 @@ def class_changes(before: TrackTable, after: TrackTable) -> list[tuple[str, int,
         return dict(zip(map(str, names), counts.tolist(), strict=True))
 
     old, new = counted(before), counted(after)
-    order = [*(name for name in CLASSES if name in old or name in new)]
-    order += sorted((old.keys() | new.keys()) - set(order))
-    return [(name, old.get(name, 0), new.get(name, 0)) for name in order[:MOST_CLASSES]]
+    return [(name, old.get(name, 0), new.get(name, 0)) for name in _ordered({*old, *new})]
+
+
+def _ordered(names: set[str]) -> list[str]:
+    return [*(name for name in CLASSES if name in names), *sorted(names - set(CLASSES))][:MOST_CLASSES]

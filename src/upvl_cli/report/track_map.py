@@ -82,7 +82,9 @@ class _Scale:
             if self.is_turned
             else (xy_world_m[:, 0] - self.low_m[0], xy_world_m[:, 1] - self.low_m[1])
         )
-        return np.stack([MARGIN + across * self.per_metre, self.height - MARGIN - up * self.per_metre], axis=1)
+        return np.stack(
+            [MARGIN + across * self.per_metre, self.height - MARGIN - up * self.per_metre], axis=1
+        )
 
     @property
     def height(self) -> float:
