@@ -37,8 +37,8 @@ def draw(
     animate_as: Annotated[
         str,
         typer.Option(
-            help="Format of --animate. webp: all colours, shown by browsers and GitHub; gif: fewer colours and four times "
-            "the bytes, shown by every program.",
+            help="Format of --animate. webp: all colours, shown by browsers and GitHub; gif: fewer colours and four "
+            "times the bytes, shown by every program.",
             metavar="webp|gif",
         ),
     ] = "webp",

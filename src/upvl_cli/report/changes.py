@@ -20,10 +20,10 @@ from upvl_cli.report.comparison import (
     other_run,
     read_both,
 )
-from upvl_cli.report.contents import Contents, MissingPart
 from upvl_cli.report.costs import stage_costs
 from upvl_cli.report.drive_labels import DriveLabels, concat_tracks, tracks_of
-from upvl_cli.report.pictures import CAMERA_WIDTH_PX, VIEW, Picture, as_picture
+from upvl_cli.report.pictures import CAMERA_WIDTH_PX, VIEW, EmbeddedPicture, as_picture
+from upvl_cli.report.run_summary import MissingPart, RunSummary
 from upvl_cli.report.settings import SettingChange, provenance_of, settings_between
 from upvl_cli.report.summary_tables import class_changes
 
@@ -64,14 +64,14 @@ class RunChanges:
     times: list[StageTimes]
     versions: tuple[SettingChange, ...]
     worst: DriveChange | None
-    pictures: list[Picture]
+    pictures: list[EmbeddedPicture]
     left_out: int
     missing: list[MissingPart] = field(default_factory=list)
     kept_iou: float = KEPT_IOU
 
 
 def gather_changes(
-    workspace: Workspace, against: Path, drives: Sequence[DriveLabels], contents: Contents
+    workspace: Workspace, against: Path, drives: Sequence[DriveLabels], summary: RunSummary
 ) -> RunChanges:
     """Return what changed against another run.
 
@@ -79,7 +79,7 @@ def gather_changes(
         workspace: The workspace of this run.
         against: Folder of the other run's results.
         drives: Labels of this run.
-        contents: What the report of this run holds.
+        summary: What the report of this run holds.
 
     Raises:
         BadSetting: The folder is missing, or has labels of none of the drives.
@@ -108,11 +108,11 @@ def gather_changes(
             concat_tracks([tracks_of(before) for before, _ in pairs]),
             concat_tracks([tracks_of(after) for _, after in pairs]),
         ),
-        settings=settings_between(provenance.values, contents.provenance.values),
+        settings=settings_between(provenance.values, summary.provenance.values),
         times=[
             StageTimes(stage, costs.get(stage), own.get(stage)) for stage in dict.fromkeys([*own, *costs])
         ],
-        versions=settings_between(provenance.versions, contents.provenance.versions),
+        versions=settings_between(provenance.versions, summary.provenance.versions),
         worst=worst,
         pictures=[],
         left_out=len(drives) - len(pairs),

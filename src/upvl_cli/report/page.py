@@ -9,18 +9,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from upvl_cli.drawing.colours import CHANGES, CLASSES
-from upvl_cli.report.contents import Contents
-from upvl_cli.report.figures import (
-    BOTTOM,
-    COUNT_WIDTH,
-    HEIGHT,
-    LEFT,
-    NAME_WIDTH,
-    RIGHT,
-    ROW_HEIGHT,
-    TOP,
-    WIDTH,
-)
+from upvl_cli.report import figures
+from upvl_cli.report.run_summary import RunSummary
 
 if TYPE_CHECKING:
     from upvl_cli.report.changes import RunChanges
@@ -30,11 +20,11 @@ _FOLDERS = re.compile(r"(?<![\w.~-])(?:[A-Za-z]:)?/(?:[^\s/\"'<>|:;,()]+/)+(?=[^
 MOST_TEXT = 600  # characters of a value or a name: a longer one is cut
 
 
-def render_page(contents: Contents, changes: RunChanges | None) -> str:
+def render_page(summary: RunSummary, changes: RunChanges | None) -> str:
     """Return the page.
 
     Args:
-        contents: What the page shows.
+        summary: What the page shows.
         changes: What changed against another run; None without one.
     """
     environment = Environment(
@@ -48,10 +38,10 @@ def render_page(contents: Contents, changes: RunChanges | None) -> str:
     environment.filters |= {
         "count": _count, "size": _size, "seconds": _seconds, "fixed": _fixed, "px": _px, "trusted": Markup,
     }  # fmt: skip
-    layout = {"width": WIDTH, "height": HEIGHT, "left": LEFT, "right": RIGHT, "top": TOP, "bottom": BOTTOM,
-              "name_width": NAME_WIDTH, "count_width": COUNT_WIDTH, "row_height": ROW_HEIGHT}  # fmt: skip
+    names = ("width", "height", "left", "right", "top", "bottom", "name_width")
+    layout = {name: getattr(figures, name.upper()) for name in names}
     return environment.get_template("report.html").render(
-        contents=contents,
+        summary=summary,
         changes=changes,
         layout=layout,
         class_colours={name: _hex(colour) for name, colour in CLASSES.items()},

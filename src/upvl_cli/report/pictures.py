@@ -36,7 +36,7 @@ MAX_TEXT_BOXES = 40  # with more boxes in a frame their numbers cover each other
 
 
 @dataclass(frozen=True)
-class Picture:
+class EmbeddedPicture:
     """A picture: its data URI, size, and what it shows in words."""
 
     uri: str
@@ -47,12 +47,12 @@ class Picture:
 
 
 @dataclass(frozen=True)
-class FramePictures:
+class EmbeddedFrame:
     """The pictures of one frame, and what could not be drawn of it and why."""
 
     segment: str
     frame: int
-    pictures: tuple[Picture, ...]
+    pictures: tuple[EmbeddedPicture, ...]
     fault: str = ""
 
 
@@ -64,7 +64,7 @@ class PictureBudget:
         self.left_bytes = left_bytes
         self.refused = 0
 
-    def accept(self, picture: Picture) -> bool:
+    def accept(self, picture: EmbeddedPicture) -> bool:
         """Return whether there is room for a picture, and count it."""
         if len(picture.uri) > self.left_bytes:
             self.refused += 1
@@ -75,7 +75,7 @@ class PictureBudget:
 
 def frame_pictures(
     workspace: Workspace, drives: Sequence[DriveLabels], budget: PictureBudget
-) -> Iterator[FramePictures]:
+) -> Iterator[EmbeddedFrame]:
     """Yield pictures of a few frames of each drive: first the middle of every drive, then others.
 
     Args:
@@ -104,13 +104,13 @@ def frame_pictures(
 
 def _of_frame(
     workspace: Workspace, labels: DriveLabels, place: int, budget: PictureBudget, *, every_camera: bool
-) -> FramePictures:
+) -> EmbeddedFrame:
     frame, index = labels.frames[place], labels.at(place)
     boxes, paints = labels.boxes[index], class_paints(labels, index)
     counts = ", ".join(
         f"{int((labels.class_name[index] == name).sum())} {name}" for name in sorted(set(labels.class_name[index]))
     )  # fmt: skip
-    kept: list[Picture] = []
+    kept: list[EmbeddedPicture] = []
     try:
         for picture in _pictures(workspace, labels.segment, frame, (boxes, paints), every_camera):
             shown = as_picture(
@@ -123,8 +123,8 @@ def _of_frame(
                 break
             kept.append(shown)
     except UpvlError as error:
-        return FramePictures(labels.segment, frame, tuple(kept), one_line(error))
-    return FramePictures(labels.segment, frame, tuple(kept))
+        return EmbeddedFrame(labels.segment, frame, tuple(kept), one_line(error))
+    return EmbeddedFrame(labels.segment, frame, tuple(kept))
 
 
 def _pictures(
@@ -162,9 +162,9 @@ def class_paints(labels: DriveLabels, index: Array) -> list[BoxPaint]:
     ]
 
 
-def as_picture(image: Image, alt: str, caption: str) -> Picture:
+def as_picture(image: Image, alt: str, caption: str) -> EmbeddedPicture:
     """Return an image as JPEG in a data URI."""
     file = io.BytesIO()
     image.convert("RGB").save(file, format="JPEG", quality=QUALITY, optimize=True)
     text = base64.b64encode(file.getvalue()).decode("ascii")
-    return Picture(f"data:image/jpeg;base64,{text}", image.width, image.height, alt, caption)
+    return EmbeddedPicture(f"data:image/jpeg;base64,{text}", image.width, image.height, alt, caption)

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from upvl_cli.errors import BadSetting
 from upvl_cli.pipeline.workspace import Workspace
-from upvl_cli.report.contents import gather_contents, labelled_drives, read_drives
 from upvl_cli.report.page import render_page
+from upvl_cli.report.run_summary import gather_summary, labelled_drives, read_drives
 from upvl_cli.runtime.atomic import atomic_file
 
 MOST_BYTES = 10_000_000
@@ -48,16 +48,16 @@ def write_report(
         )
     names, unlabelled = labelled_drives(workspace, segments)
     drives = read_drives(workspace, names)
-    contents = gather_contents(workspace, drives, unlabelled)
+    summary = gather_summary(workspace, drives, unlabelled)
     changes = None
     if against is not None:
         from upvl_cli.report.changes import gather_changes  # loads SciPy's optimizer
 
-        changes = gather_changes(workspace, against, drives, contents)
-        contents.missing += changes.missing
-    page = render_page(contents, changes).encode("utf-8", "replace")
+        changes = gather_changes(workspace, against, drives, summary)
+        summary.missing += changes.missing
+    page = render_page(summary, changes).encode("utf-8", "replace")
     with atomic_file(path) as file:
         file.write(page)
     notes = [f"missing: {part.what} ({part.reason})" + (f"; run: {part.command}" if part.command else "")
-             for part in contents.missing]  # fmt: skip
+             for part in summary.missing]  # fmt: skip
     return WrittenReport(path, len(page), tuple(notes))

@@ -17,7 +17,6 @@ from upvl_cli.pipeline.provenance import flatten
 from upvl_cli.pipeline.tables import read_footer
 from upvl_cli.pipeline.workspace import Workspace
 
-LAST_STAGES = ("labels", "detect")  # their stamps hold the settings of all stages before
 _NO_SETTINGS = (".content", ".version")  # ends of names of a stamp that are digests and versions
 
 
@@ -38,7 +37,7 @@ class Provenance:
         upvl_version: Version of the installed package.
         values: Value of each setting by its full name, as the stamps of the shards have it.
         versions: Version of each stage, of the dataset's adapter and of the model, by name.
-        contents: Digest of what was read, by name: of the model's files, and of the drive's where there is one drive.
+        input_digests: Digest of what was read, by name: of the model's files, and of the drive's where there is one drive.
         digests: Digest of the stamp of the labels, by drive.
         mixed: Number of drives whose labels were made with other settings than those of the most drives.
     """
@@ -46,19 +45,19 @@ class Provenance:
     upvl_version: str
     values: Mapping[str, Any]
     versions: Mapping[str, str]
-    contents: Mapping[str, str]
+    input_digests: Mapping[str, str]
     digests: Mapping[str, str]
     mixed: int
 
 
 def provenance_of(workspace: Workspace, segments: Sequence[str]) -> Provenance:
     """Return what made the labels of some drives, as the stamps of their shards say."""
-    stamps = {}
+    stamp_of = {}
     for segment in segments:
         footer = read_footer(workspace.shard("labels", segment))
         if footer is not None:
-            stamps[segment] = footer.stamp
-    flat = {segment: flatten(stamp) for segment, stamp in stamps.items()}
+            stamp_of[segment] = footer.stamp
+    flat = {segment: flatten(stamp) for segment, stamp in stamp_of.items()}
     makers = {segment: json.dumps(_settings_in(values), sort_keys=True) for segment, values in flat.items()}
     usual, drives = next(iter(Counter(makers.values()).most_common(1)), ("{}", 0))
     values: dict[str, Any] = json.loads(usual)
@@ -66,9 +65,9 @@ def provenance_of(workspace: Workspace, segments: Sequence[str]) -> Provenance:
     detect = next((f.stamp for s in segments if (f := read_footer(workspace.shard("detect", s)))), "")
     flat_detect = flatten(detect)
     everything = flat_detect | one
-    contents = {"vlm.content": "files of the model"} | (
-        {"raw.content": "files of the drive"} if len(stamps) == 1 else {}
-    )
+    names = {"vlm.content": "files of the model"}
+    if len(stamp_of) == 1:
+        names["raw.content"] = "files of the drive"
     return Provenance(
         upvl_version=_package_version(),
         values=_settings_in(flat_detect) | values,
@@ -77,9 +76,9 @@ def provenance_of(workspace: Workspace, segments: Sequence[str]) -> Provenance:
             for name, value in everything.items()
             if name.endswith(".version") and name.count(".") == 1
         },
-        contents={name: str(everything[key])[:16] for key, name in contents.items() if key in everything},
-        digests={segment: hashlib.sha256(stamp.encode()).hexdigest()[:16] for segment, stamp in stamps.items()},
-        mixed=len(stamps) - drives,
+        input_digests={name: str(everything[key])[:16] for key, name in names.items() if key in everything},
+        digests={segment: hashlib.sha256(stamp.encode()).hexdigest()[:16] for segment, stamp in stamp_of.items()},
+        mixed=len(stamp_of) - drives,
     )  # fmt: skip
 
 

@@ -18,7 +18,7 @@ from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.report.costs import StageCost, StageCounts, stage_costs, stage_counts
 from upvl_cli.report.drive_labels import DriveLabels, TrackTable, concat_tracks, read_labels, tracks_of
 from upvl_cli.report.figures import Histogram, Ranking
-from upvl_cli.report.pictures import FramePictures, PictureBudget, frame_pictures
+from upvl_cli.report.pictures import EmbeddedFrame, PictureBudget, frame_pictures
 from upvl_cli.report.scores import ScoreSheet, score_sheets
 from upvl_cli.report.settings import Provenance, SettingChange, changed_settings, provenance_of
 from upvl_cli.report.summary_tables import ClassCounts, FoundTotals, class_counts, distributions, travel_m
@@ -66,11 +66,11 @@ class DriveReport:
     moving_tracks: int
     digest: str
     map: TrackMap | None
-    pictures: tuple[FramePictures, ...]
+    pictures: tuple[EmbeddedFrame, ...]
 
 
 @dataclass
-class Contents:
+class RunSummary:
     """All that the page shows but what changed."""
 
     suspicions: list[str]
@@ -120,9 +120,9 @@ def labelled_drives(workspace: Workspace, segments: Sequence[str]) -> tuple[list
     return [name for name in has_labels if has_labels[name]], without
 
 
-def gather_contents(
+def gather_summary(
     workspace: Workspace, drives: Sequence[DriveLabels], unlabelled: Sequence[str]
-) -> Contents:
+) -> RunSummary:
     """Return all that the page shows but what changed.
 
     Args:
@@ -150,7 +150,7 @@ def gather_contents(
         missing.append(
             MissingPart("time and memory", reason, "upvl autolabel --all-motion, into an empty folder")
         )
-    return Contents(
+    return RunSummary(
         suspicions=suspicions,
         verdict=result,
         totals=_totals(workspace, drives, tracks, reports, missing),
@@ -227,7 +227,7 @@ def _drive_reports(
     map_bytes = max(MAP_BYTES / len(drives), MIN_MAP_BYTES)
     most_maps = int(MAP_BYTES / map_bytes)
     budget = PictureBudget(PICTURE_BYTES)
-    pictures: dict[str, list[FramePictures]] = {}
+    pictures: dict[str, list[EmbeddedFrame]] = {}
     for found in frame_pictures(workspace, drives, budget):
         pictures.setdefault(found.segment, []).append(found)
         if found.fault:
