@@ -29,6 +29,9 @@ from upvl_cli.cli import draw
 from upvl_cli.cli import view
 
 # isort: split
+from upvl_cli.cli import report
+
+# isort: split
 from upvl_cli.cli import export
 
 # isort: split
@@ -36,7 +39,7 @@ from upvl_cli.cli import evaluate, train
 from upvl_cli.cli.application import app
 from upvl_cli.errors import UpvlError, one_line
 
-COMMANDS = (labels, import_, check, stages, query, draw, view, export, evaluate, train)
+COMMANDS = (labels, import_, check, stages, query, draw, view, report, export, evaluate, train)
 
 
 def run(arguments: Sequence[str]) -> int:
