@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any
@@ -87,6 +88,19 @@ def query(
             help="Rank all objects by their mean feature first, and classify only the best of them.",
         ),
     ] = None,
+    near: Annotated[
+        str | None,
+        typer.Option(
+            metavar="WORDS",
+            help="Keep only hits that are near an object of these words, separated by commas, in the same frame.",
+        ),
+    ] = None,
+    within: Annotated[
+        float | None,
+        typer.Option(
+            help="Largest horizontal gap between a hit and an object of --near (m); 5 without this option."
+        ),
+    ] = None,
     sheet: Annotated[
         bool, typer.Option("--sheet/--no-sheet", help="Draw the best hits into one picture.")
     ] = True,
@@ -95,7 +109,7 @@ def query(
     """Find objects by words: print a table, write out/query/*.parquet with all hits, and draw the best."""
     from upvl_cli.query.classes import classes_from_file, classes_from_phrases
     from upvl_cli.query.filters import Filters
-    from upvl_cli.query.run import Request
+    from upvl_cli.query.run import Near, Request
     from upvl_cli.query.run import query as answer
 
     if by not in (None, "vote", "mean"):
@@ -104,6 +118,8 @@ def query(
         raise BadSetting(
             "both phrases and --classes are given; put the phrases into the file, or leave it out"
         )
+    if within is not None and (near is None or not 0 <= within < math.inf):
+        raise BadSetting(f"--within {within}: expected metres from 0 on, together with --near WORDS")
     filters = Filters(
         segments=segment or (),
         moving=moving,
@@ -118,12 +134,15 @@ def query(
     queried = classes_from_file(classes) if classes else classes_from_phrases(phrases or [])
     request = Request(
         classes=queried,
-        name=classes.stem if classes else " ".join(queried.words),
+        name=" ".join([classes.stem] if classes else queried.words) + (f" near {near}" if near else ""),
         source=on,
         filters=filters,
         sheet=sheet,
         check_spelling=not anyway,
         values={name: value for name, value in given.items() if value is not None},
+        near=Near(classes_from_phrases([near]), 5.0 if within is None else within)
+        if near is not None
+        else None,
     )
     _print(answer(context.obj, request))
 

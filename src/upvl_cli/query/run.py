@@ -17,9 +17,23 @@ from upvl_cli.query.config import QueryConfig
 from upvl_cli.query.filters import Filters
 from upvl_cli.query.find import find
 from upvl_cli.query.kinds import with_kinds
+from upvl_cli.query.near import near_hits
 from upvl_cli.query.store import STAGE_OF, Store, open_store
 from upvl_cli.query.vocabulary import build_vocabulary
 from upvl_cli.stages import classify
+
+
+@dataclass(frozen=True)
+class Near:
+    """Other objects, and how far from one of them a hit may be in the same frame.
+
+    Attributes:
+        classes: The words of the other objects.
+        within_m: Largest gap between the footprints.
+    """
+
+    classes: Classes
+    within_m: float
 
 
 @dataclass(frozen=True)
@@ -34,6 +48,7 @@ class Request:
         sheet: Whether a picture of the best hits is drawn.
         check_spelling: Whether a word that is likely misspelt is refused.
         values: Settings that replace those of query.toml.
+        near: What a hit must be near; None for anything.
     """
 
     classes: Classes
@@ -43,6 +58,7 @@ class Request:
     sheet: bool
     check_spelling: bool
     values: Mapping[str, Any]
+    near: Near | None = None
 
 
 def query(workspace: Workspace, request: Request) -> Iterator[Table | str]:
@@ -58,6 +74,11 @@ def query(workspace: Workspace, request: Request) -> Iterator[Table | str]:
     store = open_store(workspace, request.source)
     check_segments(workspace, store, request.filters.segments)
     result = find(store, vocabulary, request.filters, config)
+    if request.near is not None:
+        others = with_kinds(request.near.classes, workspace.settings(classify.STAGE))
+        other_words = build_vocabulary(workspace, others, config, check_spelling=request.check_spelling)
+        partners = find(store, other_words, Filters(segments=request.filters.segments), config).hits
+        result = near_hits(result, partners, request.near.within_m)
     if len(result.hits):
         yield report.hit_table(result.hits, vocabulary, config.top)
     yield report.summary(result, store.source)
