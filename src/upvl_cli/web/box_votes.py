@@ -13,6 +13,7 @@ from upvl_cli.types import Array
 from upvl_cli.web.catalog import Catalog
 
 MOST_WORDS = 4
+_SHOWN_SHARE = 0.005  # less is printed as 0 %
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,7 @@ def _largest(vocabulary: Vocabulary, by_points: Array, by_looks: Array, weight: 
     if has_points and has_looks:
         share = (1 - weight) * by_points + weight * by_looks
     is_queried = vocabulary.is_queried
-    order = [int(place) for place in np.argsort(-share, kind="stable") if share[place] > 0]
+    order = [int(place) for place in np.argsort(-share, kind="stable") if share[place] >= _SHOWN_SHARE]
     return [
         WordVote(
             vocabulary.words[place], bool(is_queried[place]), float(by_points[place]), float(by_looks[place])

@@ -8,8 +8,8 @@ import numpy as np
 
 from upvl_cli.types import Floats, Ints
 
-WIDTH, HEIGHT = 600, 140
-_LEFT, _BOTTOM, _TOP = 42, 22, 8
+WIDTH, HEIGHT = 440, 130  # on a phone a unit is a little less than a pixel
+_LEFT, _BOTTOM, _TOP = 36, 22, 8
 
 
 def histogram(counts: Ints, threshold: float) -> str:
@@ -77,6 +77,7 @@ def _chart(
     )
     frame = f'<line class="axis" x1="{_LEFT}" x2="{WIDTH - 4}" y1="{base}" y2="{base}"/>'
     return (
-        f'<svg class="chart" viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{label}">'
+        f'<svg class="chart" viewBox="0 0 {WIDTH} {HEIGHT}" data-left="{_LEFT}" data-width="{WIDTH - _LEFT - 4}" '
+        f'role="img" aria-label="{label}">'
         f"{frame}{''.join(parts)}{labels}</svg>"
     )

@@ -10,8 +10,7 @@ from typing import Any, TypeVar, cast
 from upvl_cli.errors import UpvlError
 
 Result = TypeVar("Result")
-_WORKERS = 4  # threads: the heavy steps leave Python's lock, and share the cores among themselves
-_MOST_WAITING = 256  # a browser asks for some 30 pictures at once
+_MOST_WAITING = 256  # questions; a browser asks one at a time
 
 
 class TooBusy(UpvlError):
@@ -21,9 +20,13 @@ class TooBusy(UpvlError):
 class Jobs:
     """Runs functions in threads for the event loop."""
 
-    def __init__(self) -> None:
-        """Start without work."""
-        self._pool = ThreadPoolExecutor(_WORKERS, thread_name_prefix="upvl-serve")
+    def __init__(self, threads: int) -> None:
+        """Start without work.
+
+        Args:
+            threads: How many functions run at once.
+        """
+        self._pool = ThreadPoolExecutor(threads, thread_name_prefix="upvl-serve")
         self._running: dict[Hashable, asyncio.Future[Any]] = {}
 
     async def run(self, key: Hashable, function: Callable[[], Result]) -> Result:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from upvl_cli.pipeline.workspace import Workspace
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
-_EVERYWHERE = ("0.0.0.0", "::")
+_MOST_CONNECTIONS = 1000  # a browser opens six
 _MIN_TOKEN = 16  # letters: shorter ones can be tried out
 
 
@@ -73,6 +73,7 @@ def serve(workspace: Workspace, options: ServeOptions, on_ready: Callable[[str],
         http="h11",
         h11_max_incomplete_event_size=2**14,
         timeout_keep_alive=10,
+        limit_concurrency=_MOST_CONNECTIONS,
         timeout_graceful_shutdown=3,
     )
     try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 from collections.abc import Callable, Hashable
 from importlib.resources import files
@@ -38,6 +39,7 @@ STATIC = {
 }
 _KEPT = {"Cache-Control": "private, max-age=3600"}  # the addresses of pictures change with the shards
 _MOST_FRAMES = 2**31
+_PAGE_THREADS, _PICTURE_THREADS = 4, 2
 
 
 class Site:
@@ -48,7 +50,8 @@ class Site:
         self._search = Search(workspace)
         self._drives = RawDrives(workspace)
         self._pictures = Pictures(self._drives)
-        self._jobs = Jobs()
+        self._jobs, self._picture_jobs = Jobs(_PAGE_THREADS), Jobs(_PICTURE_THREADS)
+        self._picture_slots = asyncio.Semaphore(_PICTURE_THREADS)
         self._name = workspace.out.resolve().parent.name
         self._templates = jinja2.Environment(
             loader=jinja2.PackageLoader("upvl_cli.web"), autoescape=True, undefined=jinja2.StrictUndefined
@@ -81,6 +84,7 @@ class Site:
     def close(self) -> None:
         """Leave what waits undone."""
         self._jobs.close()
+        self._picture_jobs.close()
 
     def warm_up(self) -> None:
         """Open the default source, so that the first question is as quick as others."""
@@ -157,7 +161,13 @@ class Site:
         def make() -> Picture:
             return draw(self._search.catalogs.get(source), segment, frame, number)
 
-        kind, content = await self._run((draw.__name__, source, segment, frame, number), make)
+        # Pages are not to wait for pictures, nor pictures for those whose reader has left.
+        async with self._picture_slots:
+            if await request.is_disconnected():
+                return Response(status_code=204)
+            kind, content = await self._picture_jobs.run(
+                (draw.__name__, source, segment, frame, number), make
+            )
         return Response(content, media_type=kind, headers=_KEPT)
 
     async def _above(self, request: Request) -> Response:

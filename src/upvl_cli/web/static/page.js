@@ -7,7 +7,7 @@
   const chart = slider.form.querySelector("svg");
   const bars = [...chart.querySelectorAll(".bar")];
   const line = chart.querySelector("line.threshold");
-  const left = 42, width = 600 - 42 - 4;
+  const left = Number(chart.dataset.left), width = Number(chart.dataset.width);
   const show = () => {
     const value = Number(slider.value);
     shown.textContent = value.toFixed(2);

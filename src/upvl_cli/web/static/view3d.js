@@ -128,7 +128,7 @@
 
   function height_colour(z) {
     const share = Math.min(Math.max((z + 2.5) / 6, 0), 1);
-    return (0xff << 24 | (150 + 80 * share) << 16 | (100 + 120 * share) << 8 | (80 + 60 * share)) >>> 0;
+    return (0xff << 24 | (170 + 80 * share) << 16 | (130 + 115 * share) << 8 | (110 + 80 * share)) >>> 0;
   }
 
   function drawCar(from) {
