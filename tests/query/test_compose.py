@@ -81,7 +81,8 @@ def test_many_pairs_are_compared_in_parts(monkeypatch: pytest.MonkeyPatch) -> No
     rng = np.random.default_rng(0)
     first, second = (
         concat(
-            [boxes([tuple(rng.uniform(-30, 30, 2)) for _ in range(9)], object_id=k) for k in numbers], TimedBoxes
+            [boxes([tuple(rng.uniform(-30, 30, 2)) for _ in range(9)], object_id=k) for k in numbers],
+            TimedBoxes,
         )
         for numbers in (range(8), range(8, 20))
     )
@@ -184,7 +185,9 @@ def test_stops(speeds: tuple[float, ...], expected: list[tuple[int, float]]) -> 
 
 
 def test_a_standing_object_does_not_take_the_motion_of_another() -> None:
-    both = concat([drive_and_stand(5, 5, 5, object_id=1), drive_and_stand(0, 0, 0, 0, object_id=2)], TimedBoxes)
+    both = concat(
+        [drive_and_stand(5, 5, 5, object_id=1), drive_and_stand(0, 0, 0, 0, object_id=2)], TimedBoxes
+    )
     assert len(stops(both, min_stand_s=1.0, moving_mps=1.0)) == 0
     shuffled = np.random.default_rng(0).permutation(7)
     assert len(stops(both[shuffled], min_stand_s=1.0, moving_mps=1.0)) == 0

@@ -42,4 +42,6 @@ def test_only_hits_near_the_others_are_kept(folder: Path) -> None:
     ],
 )
 def test_a_distance_belongs_to_another_object(folder: Path, arguments: list[str]) -> None:
-    assert "expected metres from 0 on, together with --near WORDS" in fails(folder, "query", "car", *arguments)
+    assert "expected metres from 0 on, together with --near WORDS" in fails(
+        folder, "query", "car", *arguments
+    )
