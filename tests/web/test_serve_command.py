@@ -73,7 +73,8 @@ def test_500_hostile_requests_get_clear_refusals(tmp_path: Path) -> None:
             assert b"Set-Cookie" not in head, shown
             for leak in (SECRET.encode(), b"root:", b"Traceback", b"site-packages", str(tmp_path).encode()):
                 assert leak not in body, shown
-            assert not re.search(rb"<(script>|img src=x|svg/onload|b>)", body), shown
+            is_page = b"text/html" in head
+            assert not (is_page and re.search(rb"<(script>|img src=x|svg/onload|b>)", body)), shown
             assert b"49" not in body or b"7*7" not in request, shown
         assert httpx.get(f"{found[1]}?q=bus").status_code == 200
         process.send_signal(signal.SIGINT)

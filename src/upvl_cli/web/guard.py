@@ -17,6 +17,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 COOKIE = "upvl_token"
 MAX_PATH_BYTES = 1024
 MAX_QUERY_BYTES = 8192
+MAX_HEADER_BYTES = 2**14
 # Of the addresses of pages: names of drives and cameras, numbers, dots and dashes; none needs a percent sign.
 _SAFE_PATH = re.compile(rb"/[A-Za-z0-9_./@+-]*")
 HEADERS = {
@@ -105,6 +106,8 @@ class Guard:
             scope, b"transfer-encoding"
         ):
             return _refuse(413, "a question has no body")
+        if sum(len(name) + len(value) for name, value in scope["headers"]) > MAX_HEADER_BYTES:
+            return _refuse(431, "the headers are too long")
         path: bytes = scope.get("raw_path") or scope["path"].encode()
         path = path.partition(b"?")[0]
         if len(path) > MAX_PATH_BYTES or len(scope["query_string"]) > MAX_QUERY_BYTES:

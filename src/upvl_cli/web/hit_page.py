@@ -52,8 +52,10 @@ def hit_page(
     shown = rows[track.frame == at]
     speed = track.speed_mps
     source = catalog.source
+    shown_votes = votes(catalog, answer, segment, frame, box) if answer else ()
+    voted = next((vote.word for vote in shown_votes), "object")
     return {
-        "title": str(names.word[row] or names.class_name[row] or "object"),
+        "title": str(names.word[row] or names.class_name[row] or voted),
         "place": f"{source}/{segment}/{frame}/{box}",
         "segment": segment,
         "source": source,
@@ -67,7 +69,7 @@ def hit_page(
         "in_frame": bool(len(shown)),
         "facts": _facts(catalog, segment, row, rows),
         "chart": Markup(lines(track.time_s, speed, at_s, "m/s", "Speed of the track over time")),
-        "votes": votes(catalog, answer, segment, frame, box) if answer else (),
+        "votes": shown_votes,
         "cameras": cameras_at(catalog, drives, segment, at, int(shown[0]) if len(shown) else None),
         "back": encode(replace(asked, at=None)),
         "fields": parse_qsl(encode(replace(asked, at=None))),

@@ -159,7 +159,9 @@ class Site:
         number = _number(request, "number" if "number" in request.path_params else "box")
 
         def make() -> Picture:
-            return draw(self._search.catalogs.get(source), segment, frame, number)
+            catalog = self._search.catalogs.get(source)
+            catalog.row(segment, frame, 0 if draw == self._pictures.camera else number)
+            return draw(catalog, segment, frame, number)
 
         # Pages are not to wait for pictures, nor pictures for those whose reader has left.
         async with self._picture_slots:
