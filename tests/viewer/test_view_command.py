@@ -1,4 +1,4 @@
-"""`upvl view` whole: a recording is read back, a browser's page is served to this machine alone, faults are one line."""
+"""`upvl view` whole: a recording is read back, a page is served to this machine alone, faults are one line."""
 
 from __future__ import annotations
 

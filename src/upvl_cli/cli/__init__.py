@@ -32,6 +32,9 @@ from upvl_cli.cli import view
 from upvl_cli.cli import report
 
 # isort: split
+from upvl_cli.cli import serve
+
+# isort: split
 from upvl_cli.cli import export
 
 # isort: split
@@ -39,7 +42,7 @@ from upvl_cli.cli import evaluate, train
 from upvl_cli.cli.application import app
 from upvl_cli.errors import UpvlError, one_line
 
-COMMANDS = (labels, import_, check, stages, query, draw, view, report, export, evaluate, train)
+COMMANDS = (labels, import_, check, stages, query, draw, view, report, serve, export, evaluate, train)
 
 
 def run(arguments: Sequence[str]) -> int:

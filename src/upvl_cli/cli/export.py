@@ -47,6 +47,14 @@ def export(
         list[str] | None,
         typer.Option("--class", help="Export boxes of this class alone; can be given again.", metavar="NAME"),
     ] = None,
+    query: Annotated[
+        str | None,
+        typer.Option(
+            metavar="WORDS",
+            help="Export the hits of a query for these words, separated by commas, each named by the word that was "
+            "asked for; classes and --on corrected do not count then.",
+        ),
+    ] = None,
     moving: Moving = None,
     min_speed: MinSpeed = None,
     max_speed: MaxSpeed = None,
@@ -62,6 +70,12 @@ def export(
             "looks most nearly forward."
         ),
     ] = "",
+    world: Annotated[
+        bool,
+        typer.Option(
+            "--world", help="Write points in the axes of the world; without this option in those of the car."
+        ),
+    ] = False,
     with_data: Annotated[
         bool,
         typer.Option(
@@ -73,13 +87,18 @@ def export(
 ) -> None:
     """Write labels or detections in the format of another tool, and say what that format cannot carry."""
     from upvl_cli.export.format import ExportOptions
-    from upvl_cli.export.workspace_export import BoxChoice, export_workspace
+    from upvl_cli.export.workspace_export import BoxChoice, export_query, export_workspace
     from upvl_cli.query.filters import Filters
 
+    fmt = export_format(format_name)
     filters = Filters(segment or (), moving, min_speed, max_speed, max_range, from_s, to_s, min_score)
-    choice = BoxChoice(on, names, tuple(only or ()), filters)
-    options = ExportOptions(camera, with_data, names)
-    found = export_workspace(context.obj, export_format(format_name), folder, choice, options, _with_progress)
+    options = ExportOptions(camera, with_data, names=names, world_axes=world)
+    if query is not None:
+        source = None if on == "corrected" else on
+        found = export_query(context.obj, fmt, folder, (query, source, filters), options, _with_progress)
+    else:
+        choice = BoxChoice(on, names, tuple(only or ()), filters)
+        found = export_workspace(context.obj, fmt, folder, choice, options, _with_progress)
     for line in found.lines(folder):
         print(line)
 

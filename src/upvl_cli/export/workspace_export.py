@@ -14,11 +14,14 @@ from upvl_cli.export.corrections import labels_digest
 from upvl_cli.export.drive import ExportDrive, Losses
 from upvl_cli.export.format import ExportFormat, ExportOptions
 from upvl_cli.export.gather import drive_with_boxes, labelled_segments, selected
+from upvl_cli.export.hits import drives_of_hits
 from upvl_cli.export.manifest import NAMES
 from upvl_cli.export.run import export
 from upvl_cli.pipeline.workspace import Workspace
+from upvl_cli.query.classes import classes_from_phrases
 from upvl_cli.query.config import QueryConfig
 from upvl_cli.query.filters import Filters
+from upvl_cli.query.run import Request, answer
 from upvl_cli.types import Array, Bools
 
 WatchDrives = Callable[[Iterable[ExportDrive], int], Iterable[ExportDrive]]
@@ -141,4 +144,46 @@ def export_workspace(
         losses,
     )
     summary.not_carried = told
+    return summary
+
+
+def export_query(
+    workspace: Workspace,
+    fmt: ExportFormat,
+    folder: Path,
+    asked: tuple[str, str | None, Filters],
+    options: ExportOptions,
+    watch: WatchDrives,
+) -> ExportSummary:
+    """Export the hits of a query and return what it came to.
+
+    Args:
+        workspace: Holds the labels or detections.
+        fmt: The format.
+        folder: It is made; an earlier export in it is replaced.
+        asked: The words, separated by commas; "labels", "detections" or None; bounds on boxes.
+        options: Choices of the export.
+        watch: Is handed the drives as they are written, and how many there are.
+
+    Raises:
+        BadSetting: A word is likely misspelt, or a drive is unknown.
+        NotMade: There is nothing to search yet.
+    """
+    words, source, filters = asked
+    classes = classes_from_phrases([words])
+    request = Request(classes, words, source, filters, sheet=False, check_spelling=True, values={})
+    found = answer(workspace, request)
+    hits = found.result.hits
+    summary, losses = ExportSummary(), Losses()
+
+    def counted(drives: Iterable[ExportDrive]) -> Iterator[ExportDrive]:
+        for drive in drives:
+            summary.drives += 1
+            summary.frames += len(drive.frames)
+            summary.boxes += len(drive.boxes)
+            yield drive
+
+    drives = counted(drives_of_hits(workspace, found.source, hits, found.vocabulary.class_names))
+    alone = selected(drives, lambda drive: np.ones(len(drive.boxes), dtype=np.bool_), losses)
+    summary.not_carried = export(watch(alone, len(np.unique(hits.segment))), fmt, folder, options, losses)
     return summary

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,7 +87,26 @@ class Candidates:
     rows: Ints
 
 
-def find(store: Store, vocabulary: Vocabulary, filters: Filters, config: QueryConfig) -> QueryResult:
+@dataclass(frozen=True)
+class WarmStore:
+    """What a process that answers many queries keeps open.
+
+    Attributes:
+        drives: The boxes of each drive.
+        tables: Gives the features of the points of a drive.
+    """
+
+    drives: Mapping[str, Objects]
+    tables: Callable[[str], Table[PointFeatureRow]]
+
+
+def find(
+    store: Store,
+    vocabulary: Vocabulary,
+    filters: Filters,
+    config: QueryConfig,
+    warm: WarmStore | None = None,
+) -> QueryResult:
     """Return the boxes whose class is queried and whose score reaches the threshold, best first.
 
     Args:
@@ -95,14 +114,19 @@ def find(store: Store, vocabulary: Vocabulary, filters: Filters, config: QueryCo
         vocabulary: The queried words and the negatives.
         filters: Which boxes are considered.
         config: How they are classified, and the threshold.
+        warm: The boxes to search, where they are open already; None opens the index of the store.
 
     Raises:
         BadInput: No stored box has any feature.
     """
     counts: Counter[str] = Counter()
     parts = []
-    candidates = _candidates(store, vocabulary, filters, config, counts)
-    for chosen, votes in zip(candidates, _classify(store, vocabulary, candidates, config), strict=True):
+    if warm is None:
+        warm = WarmStore(dict(indexed_objects(store)), lambda segment: point_features(store, segment))
+    considered = _considered(store, warm, filters, config, counts)
+    candidates = _candidates(store, vocabulary, considered, config, counts)
+    classified = _classify(store, vocabulary, candidates, config, warm.tables)
+    for chosen, votes in zip(candidates, classified, strict=True):
         objects = chosen.objects[chosen.rows]
         score = votes.share * objects.confidence
         is_queried = (votes.class_index != NO_CLASS) & (votes.class_index < len(vocabulary.class_names))
@@ -141,13 +165,13 @@ def _hits(segment: str, objects: Objects, votes: VoteResult, hit: Bools) -> Hits
     )
 
 
-def _candidates(
-    store: Store, vocabulary: Vocabulary, filters: Filters, config: QueryConfig, counts: Counter[str]
+def _considered(
+    store: Store, warm: WarmStore, filters: Filters, config: QueryConfig, counts: Counter[str]
 ) -> list[Candidates]:
-    """Return the boxes to classify, by drive; drives without any are left out, and `counts` grows by the rest."""
+    """Return the boxes with features that pass the filters, by drive; `counts` grows by the rest."""
     candidates: list[Candidates] = []
     featured = 0
-    for segment, objects in indexed_objects(store):
+    for segment, objects in warm.drives.items():
         counts["boxes"] += len(objects)
         # A box whose points no camera sees in this frame may be of a track that others show well.
         has_features = (objects.num_features > 0) | (_uses_looks(config) & (objects.num_looks > 0))
@@ -164,6 +188,17 @@ def _candidates(
             f"none of the {store.source} has a feature, for no picture was used; where they are of moving objects "
             "alone, run: upvl autolabel --all-motion; else the pictures were not found: run: upvl check"
         )
+    return candidates
+
+
+def _candidates(
+    store: Store,
+    vocabulary: Vocabulary,
+    candidates: list[Candidates],
+    config: QueryConfig,
+    counts: Counter[str],
+) -> list[Candidates]:
+    """Return the boxes to classify, by drive; drives without any are left out, and `counts` grows by the rest."""
     if config.search:
         total = sum(len(chosen.rows) for chosen in candidates)
         candidates = _best_ranked(store, vocabulary, candidates, config)
@@ -204,7 +239,11 @@ def _best_ranked(
 
 
 def _classify(
-    store: Store, vocabulary: Vocabulary, candidates: Sequence[Candidates], config: QueryConfig
+    store: Store,
+    vocabulary: Vocabulary,
+    candidates: Sequence[Candidates],
+    config: QueryConfig,
+    open_table: Callable[[str], Table[PointFeatureRow]],
 ) -> Iterator[VoteResult]:
     """Yield the classes of the boxes of each drive."""
     if config.by == "mean":
@@ -213,7 +252,7 @@ def _classify(
             total = len(chosen.rows)
             yield vote(cosines, np.arange(total), total, vocabulary.class_of_word)
         return
-    tables = in_order(lambda chosen: point_features(store, chosen.segment), candidates)
+    tables = in_order(lambda chosen: open_table(chosen.segment), candidates)
     for table, chosen in zip(tables, candidates, strict=True):
         objects, done, frames = chosen.objects[chosen.rows], 0, []
         for boxes, box_of_point, cosines in cosines_by_frame(table, store.basis, vocabulary, objects):

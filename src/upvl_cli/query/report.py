@@ -98,7 +98,7 @@ def ambiguity_notes(vocabulary: Vocabulary, model: str) -> Iterator[str]:
 
 
 def hits_as_table(hits: Hits, vocabulary: Vocabulary) -> pa.Table:
-    """Return all hits, best first, with one row a box and one column a number."""
+    """Return all hits, best first, as a table with one row a box and one column a number."""
     classes, words = np.array(vocabulary.class_names, dtype=object), np.array(vocabulary.words, dtype=object)
     columns = {
         "segment": hits.segment,
@@ -122,7 +122,7 @@ def hits_as_table(hits: Hits, vocabulary: Vocabulary) -> pa.Table:
 
 
 def write_hits(path: Path, hits: Hits, vocabulary: Vocabulary) -> Path:
-    """Write all hits, best first, as Parquet with one row a box and one column a number; return the path."""
+    """Write all hits as Parquet, as `hits_as_table` gives them; return the path."""
     with atomic_file(path) as file:
         pq.write_table(hits_as_table(hits, vocabulary), file, compression="zstd")
     return path

@@ -37,7 +37,7 @@ class Provenance:
         upvl_version: Version of the installed package.
         values: Value of each setting by its full name, as the stamps of the shards have it.
         versions: Version of each stage, of the dataset's adapter and of the model, by name.
-        input_digests: Digest of what was read, by name: of the model's files, and of the drive's where there is one drive.
+        input_digests: Digest of what was read, by name: of the model's files, and of the drive's if there is one.
         digests: Digest of the stamp of the labels, by drive.
         mixed: Number of drives whose labels were made with other settings than those of the most drives.
     """
