@@ -54,8 +54,8 @@ def write_corrections(
     changes, counts = np.unique(corrections.change, return_counts=True)
     rows = (_row(segment, frame, corrections[corrections.frame == frame.index]) for frame in frames)
     stamp = json.dumps({"labels": labels_digest(workspace, segment), "made": "by hand"}, sort_keys=True)
-    told = {f"labels {change}": int(count) for change, count in zip(changes, counts, strict=True)}
-    write(path, CorrectionRow, rows, stamp=stamp, counts=told | {"labels kept": kept})
+    changed = {f"labels {change}": int(count) for change, count in zip(changes, counts, strict=True)}
+    write(path, CorrectionRow, rows, stamp=stamp, counts=changed | {"labels kept": kept})
     return path
 
 
@@ -90,10 +90,10 @@ def corrected(labels: ExportBoxes, corrections: Corrections) -> tuple[ExportBoxe
     touched = same_boxes(labels, corrections)
     present = corrections[corrections.change != DELETED]
     columns = {name: getattr(present, name) for name in labels.__dataclass_fields__}
-    joined = concat([labels[~touched], ExportBoxes(**columns)], ExportBoxes)
-    by_hand = np.arange(len(joined)) >= int((~touched).sum())
-    order = np.lexsort([joined.track_id, joined.frame])
-    return joined[order], by_hand[order]
+    merged = concat([labels[~touched], ExportBoxes(**columns)], ExportBoxes)
+    by_hand = np.arange(len(merged)) >= int((~touched).sum())
+    order = np.lexsort([merged.track_id, merged.frame])
+    return merged[order], by_hand[order]
 
 
 def same_boxes(boxes: ExportBoxes, others: ExportBoxes) -> Bools:

@@ -57,9 +57,9 @@ def export(
         part = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
         try:
             fmt.write(in_words_of_the_format(), part, options, losses)
-            told = {reason: int(count) for reason, count in sorted(losses.items()) if count}
+            not_carried = {reason: int(count) for reason, count in sorted(losses.items()) if count}
             native = {native: name for name, native in sorted(classes.items())}
-            manifest = Manifest(fmt.name, options.names, native, dict(options.digests), frames, told)
+            manifest = Manifest(fmt.name, options.names, native, dict(options.digests), frames, not_carried)
             text = json.dumps(manifest.as_json(), indent=1) + "\n"
             (part / MANIFEST).write_text(text, encoding="utf-8")
             part.chmod(0o755)
@@ -70,7 +70,7 @@ def export(
         raise UpvlError(
             f"cannot write {folder}: {error.strerror or one_line(error)}; make room or name another folder"
         ) from error
-    return told
+    return not_carried
 
 
 def read_back(fmt: ExportFormat, folder: Path, drives: Mapping[str, ExportDrive]) -> dict[str, ExportBoxes]:

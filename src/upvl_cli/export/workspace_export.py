@@ -136,14 +136,14 @@ def export_workspace(
 
     drives = (drive_with_boxes(workspace, name, choice.what, choice.names) for name in segments)
     digests = {name: labels_digest(workspace, name) for name in segments if choice.what != "detections"}
-    told = export(
+    not_carried = export(
         watch(selected(drives, select, losses), len(segments)),
         fmt,
         folder,
         replace(options, digests=digests),
         losses,
     )
-    summary.not_carried = told
+    summary.not_carried = not_carried
     return summary
 
 

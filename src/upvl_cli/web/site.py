@@ -28,7 +28,7 @@ from upvl_cli.web.pictures import Picture, Pictures
 from upvl_cli.web.raw_drives import NoRawData, RawDrives
 from upvl_cli.web.results_page import form, results
 from upvl_cli.web.scene import boxes_of_frame, packed_points
-from upvl_cli.web.search import SourcedAnswer, Search
+from upvl_cli.web.search import Search, SourcedAnswer
 
 Result = TypeVar("Result")
 STATIC = {
