@@ -40,6 +40,9 @@ def test_the_devkit_takes_one_file_for_both_tasks(tmp_path: Path) -> None:
     from nuscenes.eval.detection.data_classes import DetectionBox
     from nuscenes.eval.tracking.data_classes import TrackingBox
 
+    from nuscenes.eval.common.config import config_factory
+
+    config_factory("tracking_nips_2019")  # which tells the devkit the classes of the task
     drive = labelled_drive()
     write(tmp_path / "out", drive)
     path = str(tmp_path / "out" / "results.json")
