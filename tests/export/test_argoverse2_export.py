@@ -77,7 +77,7 @@ def test_av2_projects_with_the_cameras(tmp_path: Path) -> None:
     camera = pinhole.PinholeCamera.from_feather(tmp_path / "out" / "bend-1", "front")
     points = np.array([[10.0, 1.0, 0.5], [20.0, -4.0, 2.0]])
     pixels, _, _ = camera.project_ego_to_img(points)
-    expected, _ = project(drive.cameras[0], points)
+    expected, *_ = project(drive.cameras[0], points)
     np.testing.assert_allclose(pixels[:, :2], expected, atol=1e-6)
 
 

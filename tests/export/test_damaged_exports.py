@@ -57,10 +57,10 @@ def test_a_damaged_file_is_refused_in_one_line(name: str, tmp_path: Path) -> Non
     files = sorted(path for path in folder.rglob("*") if path.is_file())
     for path in files:
         content = path.read_bytes()
-        found = list(damages(content, rng, random=12))
+        found = list(damages(content, rng, random=6))
         if path.suffix == ".json":
             tree = json.loads(content)
-            found += [json.dumps(strange(tree, rng)).encode() for _ in range(25)]
+            found += [json.dumps(strange(tree, rng)).encode() for _ in range(12)]
         for damaged in found:
             path.write_bytes(damaged)
             try:

@@ -154,7 +154,8 @@ def test_the_reader_of_the_data_set_gives_the_same_labels(tmp_path: Path) -> Non
     assert labels.object_id.tolist() == [instance_token("bend-1", track) for track in own.track_id]
     np.testing.assert_allclose(labels.center_m, own.center_m, atol=1e-6)
     np.testing.assert_allclose(labels.size_lwh_m, own.size_lwh_m)
-    np.testing.assert_allclose(wrap_angle(labels.heading_rad - own.heading_rad), 0, atol=1e-6)
+    # That reader takes boxes as level in the world: on this slope its headings are off by a tenth of a degree.
+    np.testing.assert_allclose(wrap_angle(labels.heading_rad - own.heading_rad), 0, atol=np.deg2rad(0.2))
     cameras = dataset.open("bend-1").cameras
     assert [camera.name for camera in cameras] == ["front", "left"]
     np.testing.assert_allclose(cameras[1].ego_from_camera, drive.cameras[1].ego_from_camera, atol=1e-9)

@@ -37,9 +37,11 @@ def results_of(folder: Path, file: str = "results.json") -> dict[str, list[dict[
 
 def test_the_devkit_takes_one_file_for_both_tasks(tmp_path: Path) -> None:
     loaders = pytest.importorskip("nuscenes.eval.common.loaders", reason=NO_DEVKIT)
+    from nuscenes.eval.common.config import config_factory
     from nuscenes.eval.detection.data_classes import DetectionBox
     from nuscenes.eval.tracking.data_classes import TrackingBox
 
+    config_factory("tracking_nips_2019")  # which tells the devkit the classes of the task
     drive = labelled_drive()
     write(tmp_path / "out", drive)
     path = str(tmp_path / "out" / "results.json")
@@ -102,6 +104,43 @@ def test_what_the_devkit_would_refuse_stands_in_another_file(tmp_path: Path) -> 
     }
     assert {item["tracking_name"] for items in others.values() for item in items} == {"other", "fire_truck"}
     assert lost["boxes of a class that the tasks of nuScenes have not: written to other.json"] == 12
+
+
+@pytest.mark.parametrize(
+    "word, task",
+    [
+        ("taxi", "car"),
+        ("garbage truck", "truck"),
+        ("school bus", "bus"),
+        ("construction worker", "pedestrian"),
+        ("fire truck", None),  # an emergency vehicle, which the tasks do not score
+        ("bicycle rack", None),
+        ("carton", None),
+    ],
+)
+def test_a_word_is_written_as_the_class_that_it_is_a_kind_of(
+    word: str, task: str | None, tmp_path: Path
+) -> None:
+    drive = labelled_drive(frames=1)
+    columns = {name: getattr(drive.boxes, name) for name in drive.boxes.__dataclass_fields__}
+    names = np.array(["vehicle", word, "vehicle", "vehicle", "vehicle"])
+    drive = drive.with_boxes(ExportBoxes(**columns | {"class_name": names}))
+    lost = write(tmp_path / "out", drive)
+    (items,) = results_of(tmp_path / "out").values()
+    assert [item["tracking_name"] for item in items] == [
+        "car",
+        *([task] if task else []),
+        "car",
+        "car",
+        "car",
+    ]
+    own = word.replace(" ", "_")
+    if task:
+        assert (
+            lost[f"boxes of class {own!r}: written as {task}, the class in the further key class_name"] == 1
+        )
+    back = read_back(FORMAT, tmp_path / "out", {"bend-1": drive})["bend-1"]
+    assert sorted(back.class_name.tolist()) == sorted(names.tolist())
 
 
 def test_a_frame_without_boxes_is_a_sample(tmp_path: Path) -> None:

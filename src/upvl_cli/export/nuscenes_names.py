@@ -7,6 +7,7 @@ python-sdk/nuscenes/eval/detection/README.md).
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -48,6 +49,19 @@ TASK_CLASSES = {
     "motorcycle": "motorcycle",
     "bicycle": "bicycle",
 }
+# The first whose word is in the name of a class decides, after the descriptions of the categories of nuScenes; "" is
+# what its tasks do not score.
+_TASK_WORDS = (
+    ("pedestrian", ("worker", "officer")),
+    ("", ("fire", "ambulance", "police", "excavator", "construction", "bulldozer", "crane", "rack", "bay", "toy")),
+    ("motorcycle", ("motorcycle", "motorcyclist", "motorbike", "moped", "scooter")),
+    ("bicycle", ("bicycle", "bicyclist", "cyclist", "bike")),
+    ("bus", ("bus", "coach")),
+    ("trailer", ("trailer",)),
+    ("truck", ("truck", "lorry", "pickup")),
+    ("pedestrian", ("pedestrian", "person", "people", "child", "adult", "man", "woman", "jogger", "walker")),
+    ("car", ("car", "vehicle", "van", "taxi", "sedan", "suv", "hatchback", "limousine")),
+)  # fmt: skip
 ATTRIBUTES = (
     "vehicle.moving",
     "vehicle.stopped",
@@ -62,6 +76,14 @@ VISIBILITIES = {"1": "v0-40", "2": "v40-60", "3": "v60-80", "4": "v80-100"}
 _CYCLES = ("bicycle", "motorcycle")
 _MOVING_MPS = 0.5  # slower, a vehicle stands: boxes of one that is parked move by a few centimetres a frame
 _NUMBER = 1 << 64
+
+
+def task_class(class_name: str) -> str:
+    """Return the class of both tasks that a class is, or is a kind of; empty where there is none."""
+    if class_name in TASK_CLASSES.values():
+        return class_name
+    words = set(re.findall(r"[a-z]+", class_name.lower()))
+    return next((name for name, known in _TASK_WORDS if words & set(known)), "")
 
 
 def attributes_of(drive: ExportDrive, class_names: Sequence[str]) -> list[str]:

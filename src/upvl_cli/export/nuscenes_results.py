@@ -1,6 +1,7 @@
 """nuScenes results: `results.json`, a submission for detection and for tracking in one file.
 
-The devkit's classes of both tasks take what they know of a box and pass over the rest. `samples.json` says which frame
+The devkit's classes of both tasks take what they know of a box and pass over the rest: `class_name` keeps a class that
+is a kind of theirs. `samples.json` says which frame
 of which drive a sample is, and where the car was: boxes are in the axes of the world. What the devkit would refuse
 stands in `other.json`: boxes of other classes, and those between the key frames of nuScenes.
 """
@@ -22,7 +23,7 @@ from upvl_cli.export.drive import ExportBoxes, ExportDrive, Losses, boxes_of_row
 from upvl_cli.export.format import SCORE, TRACK, VELOCITY, ExportFormat, ExportOptions
 from upvl_cli.export.frame_times import time_us
 from upvl_cli.export.json_items import JsonItems
-from upvl_cli.export.nuscenes_names import TASK_CLASSES, attributes_of, sample_tokens
+from upvl_cli.export.nuscenes_names import TASK_CLASSES, attributes_of, sample_tokens, task_class
 from upvl_cli.export.nuscenes_read import sizes_lwh_m
 from upvl_cli.export.text import read_json
 from upvl_cli.export.world_axes import (
@@ -72,7 +73,7 @@ def write(drives: Iterable[ExportDrive], folder: Path, options: ExportOptions, l
     ):
         for drive in drives:
             _count_velocities(drive, losses)
-            items = _items(drive)
+            items = _items(drive, losses)
             places, rotations = drive.places, quaternions_wxyz(drive.world_from_ego)
             for place, (token, is_scored) in enumerate(sample_tokens(drive)):
                 frame = drive.frames[place]
@@ -96,10 +97,16 @@ def write(drives: Iterable[ExportDrive], folder: Path, options: ExportOptions, l
                     others.add(here, token)
 
 
-def _items(drive: ExportDrive) -> list[dict[str, Any]]:
+def _items(drive: ExportDrive, losses: Losses) -> list[dict[str, Any]]:
     """Return the boxes as the classes of the devkit take them, without the token of their sample."""
     boxes = drive.boxes
-    names = [str(name) for name in boxes.class_name]
+    own = [str(name) for name in boxes.class_name]
+    names = [task_class(name) or name for name in own]
+    for name, task in zip(own, names, strict=True):
+        if name != task:
+            losses[
+                f"boxes of class {name!r}: written as {task}, the class in the further key class_name"
+            ] += 1
     attributes = attributes_of(drive, names)
     center_m, wxyz = boxes_in_world(drive)
     velocity = np.nan_to_num(drive.velocity_world_mps())
@@ -116,6 +123,7 @@ def _items(drive: ExportDrive) -> list[dict[str, Any]]:
             "tracking_name": name,
             "tracking_score": float(boxes.score[i]),
         }
+        | ({"class_name": own[i]} if own[i] != name else {})
         for i, name in enumerate(names)
     ]
 
@@ -202,7 +210,8 @@ def _boxes_of(found: list[tuple[Row, SampleFrame]], folder: Path) -> ExportBoxes
 
 def _class_name(row: Row, path: Path) -> str:
     """Return the class; a file of one task has its name alone."""
-    return text_of(row, "detection_name" if "detection_name" in row else "tracking_name", path)
+    keys = ("class_name", "detection_name", "tracking_name")
+    return text_of(row, next((key for key in keys if key in row), keys[-1]), path)
 
 
 def _score(row: Row, path: Path) -> float:

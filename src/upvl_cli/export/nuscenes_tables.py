@@ -189,4 +189,6 @@ def _write_empty_map(path: Path) -> None:
     Image.new("L", (8, 8)).save(path)
 
 
-FORMAT = ExportFormat("nuscenes", write, read, frozenset({TRACK, POINTS, VELOCITY}), CATEGORIES)
+FORMAT = ExportFormat(
+    "nuscenes", write, read, frozenset({TRACK, POINTS, VELOCITY}), CATEGORIES, fixed_classes=True
+)
