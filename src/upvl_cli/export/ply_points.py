@@ -27,7 +27,9 @@ def write(drives: Iterable[ExportDrive], folder: Path, options: ExportOptions, l
         for place, frame in enumerate(drive.frames):
             columns = fields.columns(drive, place)
             comments = [f"drive {drive.name} frame {frame.index} time_ns {frame.time_ns}"]
-            comments += [f"word {number} {' '.join(name.split())}" for name, number in fields.words.number_of.items()]
+            comments += [
+                f"word {number} {' '.join(name.split())}" for name, number in fields.words.number_of.items()
+            ]
             comments += [f"class {number} {name}" for name, number in fields.classes.number_of.items()]
             content = ply_content(columns, comments)
             (folder / drive.name / f"{frame_name(frame.index)}.ply").write_bytes(content)
