@@ -39,6 +39,12 @@ def test_a_car_ahead_that_heads_to_the_left(tmp_path: Path) -> None:
     assert apply(np.reshape(matrix, (4, 4)), np.array([[10.0, 2, 0.5]])).tolist() == [[98.0, 210.0, 5.5]]
 
 
+def test_a_heading_of_60_degrees_is_half_of_it_in_the_quaternion(tmp_path: Path) -> None:
+    write(drive_of_one_car(heading_rad=[np.pi / 3]), "openlabel", tmp_path / "out")
+    (cuboid,) = content_of(tmp_path / "out")["frames"]["7"]["objects"]["12"]["object_data"]["cuboid"]
+    np.testing.assert_allclose(cuboid["val"][3:7], [0, 0, 0.5, np.sqrt(0.75)], atol=1e-12)
+
+
 def test_the_official_schema_and_checker_find_nothing(tmp_path: Path) -> None:
     checker = pytest.importorskip("openlabel_checker", reason="pip install 'upvl[openlabel]'")
     empty = labelled_drive("empty").with_boxes(concat([], ExportBoxes))

@@ -6,6 +6,7 @@ ASPRS, LAS specification 1.4 R15: classification 2 is ground and 1 unclassified;
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from datetime import date
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ _SCALE_M = 0.001
 _POINT_FORMAT = 6  # the plainest of version 1.4
 _UNCLASSIFIED, _GROUND = 1, 2
 _MOST_INTENSITY = 65535
+_NO_DATE = date(1970, 1, 1)  # no clock in files: laspy takes today where there is none
 _OWN = ("x", "y", "z", "intensity")  # fields that LAS knows itself
 
 
@@ -49,7 +51,7 @@ def _write_file(path: Path, columns: Mapping[str, Array], losses: Losses) -> Non
     import laspy
 
     header = laspy.LasHeader(point_format=_POINT_FORMAT, version="1.4")
-    header.creation_date = None  # no clock in files
+    header.creation_date = _NO_DATE
     header.generating_software = "upvl"
     header.scales = np.full(3, _SCALE_M)
     xyz = np.column_stack([columns[axis] for axis in "xyz"]).astype(np.float64)
