@@ -15,6 +15,8 @@ from world.street import StreetDrive, Streets
 
 SEGMENT = "street-0"
 CAR, PERSON = 7, 9  # tracks: the car drives ahead at 5 m/s from (10, 2), the person stands at (8, -3)
+# The sensors are measured from few sweeps, for each of the street takes a quarter of a second.
+FEW_SWEEPS = {"check__sample.runs": "2", "check__sample.sweeps": "2"}
 
 
 def street_drive() -> StreetDrive:

@@ -20,6 +20,7 @@ import pytest
 from command import ENVIRONMENT, UPVL, fails, make_workspace, upvl
 from drive_shards import (
     CAR,
+    FEW_SWEEPS,
     PERSON,
     SEGMENT,
     street_drive,
@@ -37,7 +38,7 @@ MAX_POINTS = 4000
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A workspace of the street with tables of its first frames."""
-    made = make_workspace(tmp_path_factory.mktemp("shown"))
+    made = make_workspace(tmp_path_factory.mktemp("shown"), **FEW_SWEEPS)
     write_street_shards(street_workspace(made), FRAMES)
     return made
 
@@ -89,10 +90,10 @@ def test_the_command_says_what_it_shows(folder: Path, saved: subprocess.Complete
 
 def test_boxes_have_their_place_track_class_and_score(recording: dict[str, Rows]) -> None:
     boxes = recording["/world/ego/boxes"]
-    assert boxes["track_id"] == {0: [], 1: [CAR, PERSON], 2: [CAR, PERSON]}
-    assert boxes["class_name"][1] == ["vehicle", "pedestrian"]
-    assert boxes["word"][2] == ["car", "pedestrian"]
-    assert boxes["score"][1] == [0.75, 0.5]
+    assert boxes["label:track_id"] == {0: [], 1: [CAR, PERSON], 2: [CAR, PERSON]}
+    assert boxes["label:class_name"][1] == ["vehicle", "pedestrian"]
+    assert boxes["label:word"][2] == ["car", "pedestrian"]
+    assert boxes["label:score"][1] == [0.75, 0.5]
     assert boxes["Boxes3D:labels"][1] == [
         f"car #{CAR}  0.75  5.0 m/s",
         f"pedestrian #{PERSON}  0.50  0.0 m/s",
@@ -174,7 +175,7 @@ def test_a_blueprint_is_in_the_recording(folder: Path, saved: subprocess.Complet
 
 
 def test_a_drive_of_which_nothing_was_made_shows_points_and_pictures(tmp_path: Path) -> None:
-    make_workspace(tmp_path)
+    make_workspace(tmp_path, **FEW_SWEEPS)
     done = upvl(tmp_path, "view", SEGMENT, "--save", "a/plain.rrd", "--frame-range", "5:5")
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith(
@@ -190,11 +191,11 @@ def test_a_drive_of_which_nothing_was_made_shows_points_and_pictures(tmp_path: P
 def test_labels_are_shown_without_their_drive(folder: Path, tmp_path: Path) -> None:
     make_workspace(tmp_path, raw__dataset='"kitti"', raw__root='"gone"')
     (tmp_path / "out").symlink_to(folder / "out")
-    done = upvl(tmp_path, "view", SEGMENT, "--save", "boxes.rrd", "--frame-range", "1:2")
+    done = upvl(tmp_path, "view", "--save", "boxes.rrd", "--frame-range", "1:2")
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("not shown: no points and no pictures (")
     found = read_recording(tmp_path / "boxes.rrd")
-    assert found["/world/ego/boxes"]["track_id"][1] == [CAR, PERSON]
+    assert found["/world/ego/boxes"]["label:track_id"][1] == [CAR, PERSON]
     assert "/world/ego/points" not in found
 
 

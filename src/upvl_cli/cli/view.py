@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from upvl_cli.cli.application import app
-from upvl_cli.errors import BadSetting
+from upvl_cli.errors import BadInput, BadSetting
 from upvl_cli.pipeline.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -114,7 +114,12 @@ def _range_of(text: str | None) -> tuple[int, int] | None:
 
 def _first_drive(workspace: Workspace) -> str:
     """Return the first drive that has labels, else the first one, and say so where there are several."""
-    drives = workspace.segments
+    try:
+        drives = workspace.segments
+    except BadInput:  # the drives are not there; their labels may be
+        drives = tuple(path.stem for path in sorted((workspace.out / "labels").glob("*.parquet")))
+        if not drives:
+            raise
     labelled = [name for name in drives if workspace.shard("labels", name).exists()]
     chosen = (labelled or drives)[0]
     if len(drives) > 1:

@@ -32,7 +32,7 @@ def _labels_part(workspace: Workspace, segment: str) -> Iterator[str]:
         yield first.partition(": ")[2]
         if workspace.shard("labels", segment).exists():
             yield from verdict(workspace, [segment])
-    except NotMade:
+    except (NotMade, BadInput):  # no labels, or a drive that cannot be read any more
         return
     yield "## What each stage kept and dropped"
     yield "\n".join(f"- {line.strip()}" for line in stages)
@@ -41,7 +41,7 @@ def _labels_part(workspace: Workspace, segment: str) -> Iterator[str]:
 def _check_part(workspace: Workspace, segment: str) -> Iterator[str]:
     try:
         report = kept_report(workspace, segment)
-    except BadInput:  # the drive cannot be read any more
+    except BadInput:
         return
     if report is not None:
         yield "## Quick check of the drive"

@@ -15,6 +15,8 @@ TEXTS = "/about"
 
 LAYERS = "layers"  # the archetype of the colours of points: its components are the names of the layers
 
+LABEL = "label"  # the archetype of what is known of each box
+
 
 def camera_path(name: str) -> str:
     """Return the path of a camera; its name may have any letters."""

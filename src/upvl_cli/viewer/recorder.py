@@ -154,7 +154,6 @@ class DriveRecorder:
         half = labels.heading_rad / 2
         zeros = np.zeros_like(half)
         box_colours = class_colours(labels)
-        speed_mps = np.linalg.norm(labels.velocity_mps[:, :2], axis=1)
         self._recording.log(
             entities.BOXES,
             rr.Boxes3D(
@@ -166,20 +165,27 @@ class DriveRecorder:
                 radii=rr.Radius.ui_points(_EDGE_RADIUS_PX),
                 fill_mode=rr.components.FillMode.MajorWireframe,  # points inside stay visible
             ),
-            rr.AnyValues(
-                track_id=labels.track_id,
-                class_name=labels.class_name.astype(str).tolist(),
-                word=labels.word.astype(str).tolist(),
-                score=labels.score,
-                speed_mps=speed_mps,
-                num_points=labels.num_points,
-            ),
+            self._box_values(labels),
         )
         ahead = np.column_stack([np.cos(labels.heading_rad), np.sin(labels.heading_rad), zeros])
         front_m = labels.center_m + ahead * labels.size_lwh_m[:, :1] / 2
         strips = np.stack([labels.center_m, front_m], axis=1)
         headings = rr.LineStrips3D(strips, colors=box_colours, radii=rr.Radius.ui_points(_EDGE_RADIUS_PX))
         self._recording.log(entities.HEADINGS, headings)
+
+    def _box_values(self, labels: LabelRow) -> Any:
+        """Return what the viewer lists of a box under the mouse; typed, so that a frame without boxes clears it."""
+        import pyarrow as pa
+
+        values = {
+            "track_id": pa.array(labels.track_id, pa.int64()),
+            "class_name": pa.array(labels.class_name.tolist(), pa.string()),
+            "word": pa.array(labels.word.tolist(), pa.string()),
+            "score": pa.array(labels.score, pa.float32()),
+            "speed_mps": pa.array(np.linalg.norm(labels.velocity_mps[:, :2], axis=1), pa.float32()),
+            "num_points": pa.array(labels.num_points, pa.int32()),
+        }
+        return self._rerun.DynamicArchetype(entities.LABEL, drop_untyped_nones=False, components=values)
 
     def _log_tails(self, view: FrameView) -> None:
         rr = self._rerun
