@@ -130,13 +130,16 @@ def write_points(workspace: Workspace, things: Sequence[Thing] = THINGS, frames:
     write(workspace.shard("mask", SEGMENT), MaskRow, mask, stamp="{}", counts={"points moving": 0})
 
 
-def made_up_run(folder: Path, things: Sequence[Thing] = THINGS, out: str = "out") -> Workspace:
-    """A workspace with a labelled street, of which pictures can be drawn."""
+def made_up_run(
+    folder: Path, things: Sequence[Thing] = THINGS, out: str = "out", *, with_points: bool = False
+) -> Workspace:
+    """A workspace with a labelled street; pictures of it can be drawn with points alone."""
     if not (folder / "stages").exists():
         make_workspace(folder)
     workspace = Workspace(PIPELINE, folder / "stages", folder / out)
     write_labels(workspace, things)
-    write_points(workspace, things)
+    if with_points:
+        write_points(workspace, things)
     return workspace
 
 

@@ -62,7 +62,7 @@ def read(path: Path) -> PageReader:
 @pytest.fixture(scope="module")
 def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The report of the made-up run."""
-    workspace = made_up_run(tmp_path_factory.mktemp("run"))
+    workspace = made_up_run(tmp_path_factory.mktemp("run"), with_points=True)
     log_runs(workspace, labels=2.0, nms=4.0)
     return write_report(workspace, (), workspace.out / "report.html").path
 
@@ -113,7 +113,9 @@ def test_page_has_the_counts_of_the_run(page: Path) -> None:
 
 def test_page_is_the_same_twice_and_says_nothing_of_the_machine(page: Path) -> None:
     folder = page.parents[1]
-    workspace = run_summary.Workspace(made_up_run(folder).pipeline, folder / "stages", folder / "out")
+    workspace = run_summary.Workspace(
+        made_up_run(folder, with_points=True).pipeline, folder / "stages", folder / "out"
+    )
     again = write_report(workspace, (), folder / "again.html").path
     assert again.read_bytes() == page.read_bytes()
     assert str(folder) not in page.read_text()
@@ -129,8 +131,6 @@ def test_what_is_missing_is_named_with_its_command(page: Path) -> None:
 def test_hostile_names_are_escaped(tmp_path: Path) -> None:
     things = (Thing(1, 5, 0, class_name=EVIL, word=f'"><img src=x onerror=alert(1)>{EVIL}'), *THINGS[1:])
     workspace = made_up_run(tmp_path, things)
-    nms = workspace.shard("nms", SEGMENT)
-    assert nms.exists()
     (workspace.out / "eval").mkdir()
     (workspace.out / "eval" / "labels-all.json").write_text(json.dumps({"scope": EVIL}))
     found = read(write_report(workspace, (), tmp_path / "page.html").path)
@@ -168,7 +168,7 @@ def test_absolute_paths_lose_their_folders(text: str, shared: str) -> None:
 
 def test_many_drives_stay_below_ten_megabytes(tmp_path: Path, monkeypatch) -> None:
     """Room for pictures and maps is shared; with little of both the page names what it leaves out."""
-    workspace = made_up_run(tmp_path)
+    workspace = made_up_run(tmp_path, with_points=True)
     names = [SEGMENT, *(f"street-{number}" for number in range(1, 40))]
     for name in names[1:]:
         write_labels(workspace, segment=name)

@@ -34,7 +34,7 @@ def test_histogram_stacks_classes_and_counts_every_value() -> None:
         "1 to 1.5: 1 vehicle",
         "12 to 12.5: 1 vehicle",
     ]
-    assert all(0 <= bar.x and bar.x + bar.width <= WIDTH and 0 <= bar.y < HEIGHT for bar in plot.bars)
+    assert all(bar.x >= 0 and bar.x + bar.width <= WIDTH and 0 <= bar.y < HEIGHT for bar in plot.bars)
     assert histogram("t", "m", np.array([np.nan]), ["vehicle"]) is None
 
 
@@ -126,7 +126,7 @@ def test_costs_are_of_the_last_run_and_unknown_without_a_log(tmp_path: Path) -> 
     assert (costs["labels"].seconds, costs["labels"].peak_mib) == (6.0, None)
     assert costs["labels"].seconds_per_frame == 1.0
     assert costs["labels"].size_bytes == workspace.shard("labels", SEGMENT).stat().st_size
-    assert costs["nms"].seconds is None and costs["nms"].seconds_per_frame is None
+    assert costs["odometry"].seconds is None and costs["odometry"].seconds_per_frame is None
     assert "flow" not in costs
 
 
@@ -147,7 +147,8 @@ def test_reasons_that_drop_are_told_from_counts(reason: str, dropped: bool) -> N
 
 SCORES = {
     "scope": {
-        "what": "labels", "mode": "moving-only", "region": {"length_m": 100.0, "width_m": 40.0}, "segments": ["street-0"],
+        "what": "labels", "mode": "moving-only", "region": {"length_m": 100.0, "width_m": 40.0},
+        "segments": ["street-0"],
         "frames": 6, "labels": 12, "boxes": 24, "left_out": {}, "dropped": {"labels out of view": 3, "none": 0},
     },
     "detection": [

@@ -76,7 +76,7 @@ def test_page_tells_what_changed(tmp_path: Path) -> None:
     write_labels(other, stamp='{"nms": {"version": 1, "values": {"max_iou": 0.2}}}')
     log_runs(other, labels=10.0)
     things = (replace(THINGS[0], x_m=11.5), *THINGS[1:3], Thing(9, 20, -8, class_name="cyclist"))
-    workspace = made_up_run(tmp_path, things)
+    workspace = made_up_run(tmp_path, things, with_points=True)
     write_labels(workspace, things, stamp='{"nms": {"version": 2, "values": {"max_iou": 0.3}}}')
     log_runs(workspace, labels=20.0)
     page = read(write_report(workspace, (), tmp_path / "page.html", tmp_path / "out2").path)

@@ -50,6 +50,7 @@ class RunChanges:
         times: Time of each stage.
         versions: Versions with two values.
         worst: The frame that changed most; None without a common frame.
+        worst_frame: Its number; -1 without one.
         pictures: Pictures of that frame.
         left_out: Drives that only one of the runs has.
         missing: What could not be had.
@@ -64,6 +65,7 @@ class RunChanges:
     times: list[StageTimes]
     versions: tuple[SettingChange, ...]
     worst: DriveChange | None
+    worst_frame: int
     pictures: list[EmbeddedPicture]
     left_out: int
     missing: list[MissingPart] = field(default_factory=list)
@@ -114,6 +116,7 @@ def gather_changes(
         ],
         versions=settings_between(provenance.versions, summary.provenance.versions),
         worst=worst,
+        worst_frame=-1,
         pictures=[],
         left_out=len(drives) - len(pairs),
     )
@@ -128,7 +131,7 @@ def _draw_worst(
 ) -> None:
     """Draw the frame that changed most: from above, and by the camera that sees most boxes."""
     boxes, paints = change_paints(before, after, worst.worst_place)
-    frame = after.frames[worst.worst_place]
+    frame = found.worst_frame = after.frames[worst.worst_place]
     counts = worst.worst
     text = f"{counts.kept} boxes kept, {counts.moved} moved, {counts.new} new, {counts.lost} lost"
     try:
