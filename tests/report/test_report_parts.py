@@ -181,7 +181,9 @@ def test_scores_of_other_drives_are_told(tmp_path: Path) -> None:
 
 
 def test_settings_of_two_runs_are_compared_by_name() -> None:
-    changes = settings_between({"a.x": 1, "a.y": [1, 2], "a.z": True}, {"a.x": 1, "a.y": [1, 3], "b": "on"})
+    changes = settings_between(
+        {"a.x": 1, "a.y": [1, 2], "a.z": True}, {"a.x": 1, "a.y": [1, 3], "a.zz": "on", "b.x": 1}
+    )
     assert [(change.name, change.before, change.after) for change in changes] == [
-        ("a.y", "[1, 2]", "[1, 3]"), ("a.z", "true", "none"), ("b", "none", '"on"'),
+        ("a.y", "[1, 2]", "[1, 3]"), ("a.z", "true", "none"), ("a.zz", "none", '"on"'),
     ]  # fmt: skip

@@ -49,6 +49,7 @@ class RunChanges:
         settings: Settings with two values.
         times: Time of each stage.
         versions: Versions with two values.
+        stages_of_one: Stages that only one of the runs has made, each with the run that lacks it.
         worst: The frame that changed most; None without a common frame.
         worst_frame: Its number; -1 without one.
         pictures: Pictures of that frame.
@@ -64,6 +65,7 @@ class RunChanges:
     settings: tuple[SettingChange, ...]
     times: list[StageTimes]
     versions: tuple[SettingChange, ...]
+    stages_of_one: list[tuple[str, str]]
     worst: DriveChange | None
     worst_frame: int
     pictures: list[EmbeddedPicture]
@@ -116,6 +118,10 @@ def gather_changes(
         ],
         versions=settings_between(provenance.versions, summary.provenance.versions),
         worst=worst,
+        stages_of_one=[
+            *((stage, against.name) for stage in own if stage not in costs),
+            *((stage, "this run") for stage in costs if stage not in own),
+        ],
         worst_frame=-1,
         pictures=[],
         left_out=len(drives) - len(pairs),

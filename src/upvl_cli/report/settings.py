@@ -90,27 +90,29 @@ def changed_settings(workspace: Workspace, values: Mapping[str, Any]) -> tuple[S
         values: Value of each setting by its full name.
     """
     shipped = dict(_shipped_values(workspace))
-    return settings_between(
-        {name: shipped[name] for name in values if name in shipped}, values, known=shipped
-    )
+    known = shipped.keys() & values.keys()
+    return settings_between({name: shipped[name] for name in known}, {name: values[name] for name in known})
 
 
-def settings_between(
-    before: Mapping[str, Any], after: Mapping[str, Any], known: Mapping[str, Any] | None = None
-) -> tuple[SettingChange, ...]:
-    """Return the settings with two values, by name.
+def settings_between(before: Mapping[str, Any], after: Mapping[str, Any]) -> tuple[SettingChange, ...]:
+    """Return the settings with two values, by name; those of a stage that only one run has made do not count.
 
     Args:
         before: Value of each setting by its full name.
         after: The same of another run.
-        known: Names that count; None takes all of both.
     """
-    names = sorted(set(before) | set(after) if known is None else set(known) & set(after))
+    stages = stages_in(before) & stages_in(after)
     return tuple(
         SettingChange(name, _text(before, name), _text(after, name))
-        for name in names
-        if before.get(name) != after.get(name) or (name in before) != (name in after)
+        for name in sorted(set(before) | set(after))
+        if name.partition(".")[0] in stages
+        and (before.get(name) != after.get(name) or (name in before) != (name in after))
     )
+
+
+def stages_in(values: Mapping[str, Any]) -> set[str]:
+    """Return the stages that settings belong to, by the first part of their names."""
+    return {name.partition(".")[0] for name in values}
 
 
 def _shipped_values(workspace: Workspace) -> Iterator[tuple[str, Any]]:
