@@ -49,7 +49,9 @@ class RunChanges:
         settings: Settings with two values.
         times: Time of each stage.
         versions: Versions with two values.
+        stages_of_one: Stages that only one of the runs has made, each with the run that lacks it.
         worst: The frame that changed most; None without a common frame.
+        worst_frame: Its number; -1 without one.
         pictures: Pictures of that frame.
         left_out: Drives that only one of the runs has.
         missing: What could not be had.
@@ -63,7 +65,9 @@ class RunChanges:
     settings: tuple[SettingChange, ...]
     times: list[StageTimes]
     versions: tuple[SettingChange, ...]
+    stages_of_one: list[tuple[str, str]]
     worst: DriveChange | None
+    worst_frame: int
     pictures: list[EmbeddedPicture]
     left_out: int
     missing: list[MissingPart] = field(default_factory=list)
@@ -114,6 +118,11 @@ def gather_changes(
         ],
         versions=settings_between(provenance.versions, summary.provenance.versions),
         worst=worst,
+        stages_of_one=[
+            *((stage, against.name) for stage in own if stage not in costs),
+            *((stage, "this run") for stage in costs if stage not in own),
+        ],
+        worst_frame=-1,
         pictures=[],
         left_out=len(drives) - len(pairs),
     )
@@ -128,7 +137,7 @@ def _draw_worst(
 ) -> None:
     """Draw the frame that changed most: from above, and by the camera that sees most boxes."""
     boxes, paints = change_paints(before, after, worst.worst_place)
-    frame = after.frames[worst.worst_place]
+    frame = found.worst_frame = after.frames[worst.worst_place]
     counts = worst.worst
     text = f"{counts.kept} boxes kept, {counts.moved} moved, {counts.new} new, {counts.lost} lost"
     try:

@@ -11,7 +11,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from upvl_cli.commands.init import shipped_workspace
-from upvl_cli.config.toml import load, read_toml
+from upvl_cli.config.toml import read_toml
 from upvl_cli.errors import UpvlError
 from upvl_cli.pipeline.provenance import flatten
 from upvl_cli.pipeline.tables import read_footer
@@ -37,14 +37,14 @@ class Provenance:
         upvl_version: Version of the installed package.
         values: Value of each setting by its full name, as the stamps of the shards have it.
         versions: Version of each stage, of the dataset's adapter and of the model, by name.
-        input_digests: Digest of what was read, by name: of the model's files, and of the drive's if there is one.
+        input_digests: Digest of what was read, by name: the model's files, and the drive's of one drive.
         digests: Digest of the stamp of the labels, by drive.
         mixed: Number of drives whose labels were made with other settings than those of the most drives.
     """
 
     upvl_version: str
     values: Mapping[str, Any]
-    versions: Mapping[str, str]
+    versions: Mapping[str, Any]
     input_digests: Mapping[str, str]
     digests: Mapping[str, str]
     mixed: int
@@ -72,7 +72,7 @@ def provenance_of(workspace: Workspace, segments: Sequence[str]) -> Provenance:
         upvl_version=_package_version(),
         values=_settings_in(flat_detect) | values,
         versions={
-            name.removesuffix(".version"): str(value)
+            name.removesuffix(".version"): value
             for name, value in everything.items()
             if name.endswith(".version") and name.count(".") == 1
         },
@@ -90,36 +90,38 @@ def changed_settings(workspace: Workspace, values: Mapping[str, Any]) -> tuple[S
         values: Value of each setting by its full name.
     """
     shipped = dict(_shipped_values(workspace))
-    return settings_between(
-        {name: shipped[name] for name in values if name in shipped}, values, known=shipped
-    )
+    known = shipped.keys() & values.keys()
+    return settings_between({name: shipped[name] for name in known}, {name: values[name] for name in known})
 
 
-def settings_between(
-    before: Mapping[str, Any], after: Mapping[str, Any], known: Mapping[str, Any] | None = None
-) -> tuple[SettingChange, ...]:
-    """Return the settings with two values, by name.
+def settings_between(before: Mapping[str, Any], after: Mapping[str, Any]) -> tuple[SettingChange, ...]:
+    """Return the settings with two values, by name; those of a stage that only one run has made do not count.
 
     Args:
         before: Value of each setting by its full name.
         after: The same of another run.
-        known: Names that count; None takes all of both.
     """
-    names = sorted(set(before) | set(after) if known is None else set(known) & set(after))
+    stages = stages_in(before) & stages_in(after)
     return tuple(
         SettingChange(name, _text(before, name), _text(after, name))
-        for name in names
-        if before.get(name) != after.get(name) or (name in before) != (name in after)
+        for name in sorted(set(before) | set(after))
+        if name.partition(".")[0] in stages
+        and (before.get(name) != after.get(name) or (name in before) != (name in after))
     )
+
+
+def stages_in(values: Mapping[str, Any]) -> set[str]:
+    """Return the stages that settings belong to, by the first part of their names."""
+    return {name.partition(".")[0] for name in values}
 
 
 def _shipped_values(workspace: Workspace) -> Iterator[tuple[str, Any]]:
     """Yield each setting of the package with the value that it ships."""
     folder = shipped_workspace() / "stages"
-    made = {}
-    for stage in workspace.pipeline.stages:
-        config = load(stage.config, folder / f"{stage.name}.toml")
-        made[stage.name] = {"values": json.loads(json.dumps(config.values()))}
+    made = {
+        stage.name: {"values": read_toml(folder / f"{stage.name}.toml")}
+        for stage in workspace.pipeline.stages
+    }
     yield from flatten(json.dumps(made)).items()
     raw = read_toml(folder / "raw.toml")
     yield "raw.dataset", raw["dataset"]
