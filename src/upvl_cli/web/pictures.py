@@ -11,8 +11,8 @@ import numpy as np
 from upvl_cli.drawing.camera_view import camera_view
 from upvl_cli.drawing.hit_sheet import HitPicture, part_with_box, picture_crop, surroundings
 from upvl_cli.errors import BadSetting
+from upvl_cli.runtime.bounded_cache import BoundedCache
 from upvl_cli.types import TrackedBoxes
-from upvl_cli.web.bounded_cache import BoundedCache
 from upvl_cli.web.catalog import Catalog
 from upvl_cli.web.raw_drives import NoRawData, RawDrives
 
