@@ -1,4 +1,4 @@
-"""How fast the web page answers: python bench/serve.py [--objects N] [--users N] [--seconds N] [--store DIR] [--browser].
+"""How fast the web page answers: python bench/serve.py [--objects N] [--users N] [--seconds N] [--browser].
 
 A made-up store of objects, each with the feature of some phrase, is served by `upvl serve` on a free port of this
 machine. First one client asks new questions, one after the other; then many clients at once ask, look at hits, pictures
@@ -126,8 +126,8 @@ def _searches(address: str, objects: int) -> bool:
     bar = BARS_S.get(objects, np.inf)
     print(
         f"{objects:,} objects: a new question {median(taken):.2f} s (median of {len(taken)}; slowest "
-        f"{max(taken):.2f} s; bar {bar:g} s), {median(taken) / plain:.1f} times a plain product; the same with another threshold "
-        f"{again * 1000:.0f} ms; {stolen}"
+        f"{max(taken):.2f} s; bar {bar:g} s), {median(taken) / plain:.1f} times a plain product; the same with another "
+        f"threshold {again * 1000:.0f} ms; {stolen}"
     )
     return bool(median(taken) <= bar)
 

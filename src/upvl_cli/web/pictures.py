@@ -112,14 +112,14 @@ def placeholder(text: str, size_px: tuple[int, int]) -> Picture:
     width, height = size_px
     lines, line = [], ""
     for word in text.split():
-        if len(line) + len(word) > 40:
+        if len(line) + len(word) > 24:
             lines.append(line)
             line = ""
         line = f"{line} {word}".strip()
-    lines = [*lines, line][:4]
+    lines = [*lines, line][:6]
     spans = "".join(
-        f'<text x="{width / 2:g}" y="{height / 2 + 18 * (row - len(lines) / 2):g}" text-anchor="middle" '
-        f'font-family="sans-serif" font-size="13" fill="#9aa4b2">{escape(part)}</text>'
+        f'<text x="{width / 2:g}" y="{height / 2 + 30 * (row + 0.8 - len(lines) / 2):g}" text-anchor="middle" '
+        f'font-family="sans-serif" font-size="24" fill="#9aa4b2">{escape(part)}</text>'
         for row, part in enumerate(lines)
     )
     body = f'<rect width="{width}" height="{height}" fill="#12141a"/>{spans}'
