@@ -153,7 +153,6 @@ HEADERS = [
 LINES = [
     b"GET\r\n\r\n",
     b"\r\n\r\n\r\n",
-    b"GET / HTTP/9.9\r\nHost: 127.0.0.1\r\n\r\n",
     b"GET / HTTP/1.1 x\r\nHost: a\r\n\r\n",
     b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03",
     b"\x00" * 100,

@@ -68,15 +68,17 @@ class Filters:
             objects: n boxes.
             moving_mps: Minimum speed of a moving box.
         """
-        speed, passes = objects.speed_mps, np.ones(len(objects), dtype=np.bool_)
+        passes = np.ones(len(objects), dtype=np.bool_)
         if self.moving is not None:
-            passes &= (speed >= moving_mps) == self.moving
-        for values, minimum, maximum in (
-            (speed, self.min_speed_mps, self.max_speed_mps),
-            (objects.range_m, None, self.max_range_m),
-            (objects.time_s, self.from_s, self.to_s),
-            (objects.confidence, self.min_confidence, None),
+            passes &= (objects.speed_mps >= moving_mps) == self.moving
+        for name, minimum, maximum in (
+            ("speed_mps", self.min_speed_mps, self.max_speed_mps),
+            ("range_m", None, self.max_range_m),
+            ("time_s", self.from_s, self.to_s),
+            ("confidence", self.min_confidence, None),
         ):
-            passes &= True if minimum is None else values >= minimum
-            passes &= True if maximum is None else values <= maximum
+            if minimum is not None or maximum is not None:
+                values = getattr(objects, name)
+                passes &= True if minimum is None else values >= minimum
+                passes &= True if maximum is None else values <= maximum
         return passes

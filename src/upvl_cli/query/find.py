@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from upvl_cli.errors import BadInput
-from upvl_cli.perception.labels.look_votes import look_shares
 from upvl_cli.perception.visual.open_vocabulary import Basis
 from upvl_cli.pipeline.tables import Table
+from upvl_cli.query.candidates import Candidates, OpenTable, shares_of_looks, vote_at_once
 from upvl_cli.query.config import QueryConfig
 from upvl_cli.query.filters import Filters
 from upvl_cli.query.index import Objects, indexed_objects
+from upvl_cli.query.ranking import Ranking
 from upvl_cli.query.store import Store
 from upvl_cli.query.vocabulary import Vocabulary
-from upvl_cli.query.votes import NO_CLASS, LookShares, VoteResult, best_of_groups, ranking_score, vote
+from upvl_cli.query.votes import NO_CLASS, VoteResult, best_of_groups, vote
 from upvl_cli.runtime.parallel import in_order
 from upvl_cli.stages.rows import PointFeatureRow
 from upvl_cli.types import Array, Bools, Floats, Ints, ParallelArrays, array, concat
@@ -73,31 +74,18 @@ class QueryResult:
 
 
 @dataclass(frozen=True)
-class Candidates:
-    """The boxes of one drive that are to be classified.
-
-    Attributes:
-        segment: Name of the drive.
-        objects: All n boxes of the drive.
-        rows: (k,) which of them, ascending.
-    """
-
-    segment: str
-    objects: Objects
-    rows: Ints
-
-
-@dataclass(frozen=True)
 class WarmStore:
     """What a process that answers many queries keeps open.
 
     Attributes:
         drives: The boxes of each drive.
         tables: Gives the features of the points of a drive.
+        ranking: Ranks boxes, and keeps what the next query needs as well.
     """
 
     drives: Mapping[str, Objects]
-    tables: Callable[[str], Table[PointFeatureRow]]
+    tables: OpenTable
+    ranking: Ranking
 
 
 def find(
@@ -122,9 +110,10 @@ def find(
     counts: Counter[str] = Counter()
     parts = []
     if warm is None:
-        warm = WarmStore(dict(indexed_objects(store)), lambda segment: point_features(store, segment))
+        drives = dict(indexed_objects(store))
+        warm = WarmStore(drives, lambda segment: point_features(store, segment), Ranking(store.basis))
     considered = _considered(store, warm, filters, config, counts)
-    candidates = _candidates(store, vocabulary, considered, config, counts)
+    candidates = _candidates(warm.ranking, vocabulary, considered, config, counts)
     classified = _classify(store, vocabulary, candidates, config, warm.tables)
     for chosen, votes in zip(candidates, classified, strict=True):
         objects = chosen.objects[chosen.rows]
@@ -192,7 +181,7 @@ def _considered(
 
 
 def _candidates(
-    store: Store,
+    ranking: Ranking,
     vocabulary: Vocabulary,
     candidates: list[Candidates],
     config: QueryConfig,
@@ -201,27 +190,20 @@ def _candidates(
     """Return the boxes to classify, by drive; drives without any are left out, and `counts` grows by the rest."""
     if config.search:
         total = sum(len(chosen.rows) for chosen in candidates)
-        candidates = _best_ranked(store, vocabulary, candidates, config)
+        candidates = _best_ranked(ranking, vocabulary, candidates, config)
         counts["not ranked high enough"] += total - sum(len(chosen.rows) for chosen in candidates)
     return [chosen for chosen in candidates if len(chosen.rows)]
 
 
 def _best_ranked(
-    store: Store, vocabulary: Vocabulary, candidates: Sequence[Candidates], config: QueryConfig
+    ranking: Ranking, vocabulary: Vocabulary, candidates: Sequence[Candidates], config: QueryConfig
 ) -> list[Candidates]:
     """Return the best box of each of the best tracks of all drives, ranked by mean feature or by their looks."""
 
     def ranked(chosen: Candidates) -> Floats:
-        objects = chosen.objects[chosen.rows]
-        cosines = store.basis.cosines(objects.pooled, vocabulary.vectors)
-        score = ranking_score(cosines, vocabulary.is_queried)
-        shown = np.flatnonzero(_uses_looks(config) & (objects.num_looks > 0))
-        if len(shown):
-            cosines = store.basis.cosines(objects.look_feature[shown], vocabulary.vectors)
-            of_looks = ranking_score(cosines, vocabulary.is_queried)
-            has_points = objects.num_features[shown] > 0
-            score[shown] = np.where(has_points, np.maximum(score[shown], of_looks), of_looks)
-        return score
+        return ranking.score(
+            chosen.segment, chosen.objects, chosen.rows, vocabulary, uses_looks=_uses_looks(config)
+        )
 
     if not candidates:
         return []
@@ -243,7 +225,7 @@ def _classify(
     vocabulary: Vocabulary,
     candidates: Sequence[Candidates],
     config: QueryConfig,
-    open_table: Callable[[str], Table[PointFeatureRow]],
+    open_table: OpenTable,
 ) -> Iterator[VoteResult]:
     """Yield the classes of the boxes of each drive."""
     if config.by == "mean":
@@ -252,11 +234,14 @@ def _classify(
             total = len(chosen.rows)
             yield vote(cosines, np.arange(total), total, vocabulary.class_of_word)
         return
+    if config.search:
+        yield from vote_at_once(store, vocabulary, candidates, open_table)
+        return
     tables = in_order(lambda chosen: open_table(chosen.segment), candidates)
     for table, chosen in zip(tables, candidates, strict=True):
         objects, done, frames = chosen.objects[chosen.rows], 0, []
         for boxes, box_of_point, cosines in cosines_by_frame(table, store.basis, vocabulary, objects):
-            looks = _look_shares(store, vocabulary, objects[done : done + boxes])
+            looks = shares_of_looks(store, vocabulary, objects[done : done + boxes])
             frames.append(vote(cosines, box_of_point, boxes, vocabulary.class_of_word, looks))
             done += boxes
         names = ("class_index", "word_index", "share", "cosine")
@@ -265,16 +250,6 @@ def _classify(
 
 def _uses_looks(config: QueryConfig) -> bool:
     return config.by == "vote"
-
-
-def _look_shares(store: Store, vocabulary: Vocabulary, objects: Objects) -> LookShares | None:
-    """Return what looks at the tracks of some boxes name; None where there are none."""
-    shown = objects.num_looks > 0
-    if not shown.any():
-        return None
-    cosines = store.basis.cosines(objects.look_feature, vocabulary.vectors)
-    share = look_shares(cosines, vocabulary.class_of_word, store.looks.temperature)
-    return LookShares(share * shown[:, None], cosines, shown, store.looks.weight)
 
 
 def point_features(store: Store, segment: str) -> Table[PointFeatureRow]:

@@ -18,14 +18,16 @@ from upvl_cli.pipeline.tables import Table, footer_digest
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.query.find import WarmStore
 from upvl_cli.query.index import Objects, indexed_objects
+from upvl_cli.query.ranking import Ranking
 from upvl_cli.query.store import STAGE_OF, Store, open_store
+from upvl_cli.runtime.bounded_cache import BoundedCache
 from upvl_cli.stages.rows import LabelRow, PointFeatureRow
 from upvl_cli.types import Array, concat
-from upvl_cli.web.bounded_cache import BoundedCache
 
 _LOOK_AGAIN_S = 1.0  # between two looks at whether shards have changed
 _OPEN_TABLES = 64
 _HELD_BYTES = 2**28  # of the features of points, all tables together
+_RANKING_BYTES = 2**28  # of cosines of negatives: 8 bytes a box for each set of them
 _GROUP_BYTES = 2**22  # a row group in memory
 HOW_TO_LABEL = "upvl autolabel"
 _NO_FEATURES = "no box has a feature, because no picture was used; run: upvl autolabel --all-motion"
@@ -70,7 +72,15 @@ class Catalog:
     @property
     def warm(self) -> WarmStore:
         """The open boxes, as a search takes them."""
-        return WarmStore(self.drives, self.point_features)
+        if self.store is None:
+            raise NotMade(self.no_words)
+        return WarmStore(self.drives, self.point_features, self._ranking)
+
+    @cached_property
+    def _ranking(self) -> Ranking:
+        if self.store is None:
+            raise NotMade(self.no_words)
+        return Ranking(self.store.basis, _RANKING_BYTES)
 
     @cached_property
     def total(self) -> int:

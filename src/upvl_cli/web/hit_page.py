@@ -99,7 +99,7 @@ def _facts(catalog: Catalog, segment: str, row: int, rows: Ints) -> list[tuple[s
         ("Class", str(names.class_name[row])),
         ("Word", str(names.word[row])),
         ("Score of the box", f"{objects.confidence[row]:.2f}"),
-        ("Length, width, height", f"{length:.2f} × {width:.2f} × {height:.2f} m"),
+        ("Size (l × w × h)", f"{length:.2f} × {width:.2f} × {height:.2f} m"),
         ("Distance", f"{objects.range_m[row]:.1f} m"),
         ("Speed", f"{objects.speed_mps[row]:.1f} m/s (fastest {track.speed_mps.max():.1f} m/s)"),
         ("Boxes of the track", f"{len(rows)} in {span_s:.1f} s"),

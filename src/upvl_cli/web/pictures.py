@@ -11,8 +11,8 @@ import numpy as np
 from upvl_cli.drawing.camera_view import camera_view
 from upvl_cli.drawing.hit_sheet import HitPicture, part_with_box, picture_crop, surroundings
 from upvl_cli.errors import BadSetting
+from upvl_cli.runtime.bounded_cache import BoundedCache
 from upvl_cli.types import TrackedBoxes
-from upvl_cli.web.bounded_cache import BoundedCache
 from upvl_cli.web.catalog import Catalog
 from upvl_cli.web.raw_drives import NoRawData, RawDrives
 
@@ -112,14 +112,14 @@ def placeholder(text: str, size_px: tuple[int, int]) -> Picture:
     width, height = size_px
     lines, line = [], ""
     for word in text.split():
-        if len(line) + len(word) > 40:
+        if len(line) + len(word) > 24:
             lines.append(line)
             line = ""
         line = f"{line} {word}".strip()
-    lines = [*lines, line][:4]
+    lines = [*lines, line][:6]
     spans = "".join(
-        f'<text x="{width / 2:g}" y="{height / 2 + 18 * (row - len(lines) / 2):g}" text-anchor="middle" '
-        f'font-family="sans-serif" font-size="13" fill="#9aa4b2">{escape(part)}</text>'
+        f'<text x="{width / 2:g}" y="{height / 2 + 30 * (row + 0.8 - len(lines) / 2):g}" text-anchor="middle" '
+        f'font-family="sans-serif" font-size="24" fill="#9aa4b2">{escape(part)}</text>'
         for row, part in enumerate(lines)
     )
     body = f'<rect width="{width}" height="{height}" fill="#12141a"/>{spans}'

@@ -7,8 +7,8 @@ import time
 
 from upvl_cli.errors import UpvlError, one_line
 from upvl_cli.pipeline.workspace import Workspace
+from upvl_cli.runtime.bounded_cache import BoundedCache
 from upvl_cli.types import Array, Camera, Drive
-from upvl_cli.web.bounded_cache import BoundedCache
 
 _OPEN_DRIVES = 4
 _SWEEP_BYTES = 2**26

@@ -15,13 +15,14 @@ from upvl_cli.query.filters import Filters
 from upvl_cli.query.find import WarmStore, find
 from upvl_cli.query.index import Objects
 from upvl_cli.query.kinds import with_kinds
+from upvl_cli.query.ranking import Ranking
 from upvl_cli.query.report import ambiguity_notes, best_of_tracks
 from upvl_cli.query.run import query_config
 from upvl_cli.query.vocabulary import Vocabulary, build_vocabulary
+from upvl_cli.runtime.bounded_cache import BoundedCache
 from upvl_cli.stages import classify
 from upvl_cli.types import Bools
 from upvl_cli.web.answer import Answer, best_boxes_of_tracks, by_score, hits_of, plain_vocabulary
-from upvl_cli.web.bounded_cache import BoundedCache
 from upvl_cli.web.catalog import Catalog, Catalogs
 from upvl_cli.web.parameters import Question
 from upvl_cli.web.relations import related
@@ -47,6 +48,7 @@ class Search:
         self.catalogs = Catalogs(workspace)
         self._answers: BoundedCache[Answer] = BoundedCache(_ANSWERS)
         self._vocabularies: BoundedCache[Vocabulary] = BoundedCache(_ANSWERS)
+        self._config = query_config(workspace, {})
 
     def key(self, question: Question) -> tuple[object, ...]:
         """Return what stands for the answer to a question as long as no shard changes."""
@@ -71,7 +73,7 @@ class Search:
             catalog.objects(name)
         answer = self._plain(catalog, question)
         if question.relation:
-            threshold = query_config(self.workspace, {}).threshold
+            threshold = self._config.threshold
             partners = answer
             if question.relation != "stopped":
                 other = Question(
@@ -93,23 +95,23 @@ class Search:
 
     @property
     def _moving_mps(self) -> float:
-        return query_config(self.workspace, {}).moving_mps
+        return self._config.moving_mps
 
     def _by_words(self, catalog: Catalog, question: Question) -> Answer:
         if catalog.no_words or catalog.store is None:
             raise NotMade(
                 f"words cannot be asked: {catalog.no_words}; leave the words out to search by filters"
             )
-        config = query_config(
-            self.workspace, {"search": True, "candidates": question.candidates, "threshold": 0.0}
-        )
+        config = replace(self._config, search=True, candidates=question.candidates, threshold=0.0)
         vocabulary = self.vocabulary(question)
-        drives = self._of_class(catalog, question)
-        warm = WarmStore(drives, catalog.point_features)
+        warm = catalog.warm
+        if question.class_name:
+            # Other boxes than those whose cosines are kept.
+            warm = WarmStore(self._of_class(catalog, question), warm.tables, Ranking(catalog.store.basis))
         result = find(catalog.store, vocabulary, _filters(question), config, warm)
         best, _ = best_of_tracks(result.hits)
         notes = tuple(ambiguity_notes(vocabulary, self.workspace.model.name))
-        threshold = query_config(self.workspace, {}).threshold
+        threshold = self._config.threshold
         hits = result.hits[np.sort(best)]
         return Answer(hits, vocabulary, "votes", result.counts, notes, threshold=threshold)
 
@@ -126,8 +128,7 @@ class Search:
                 raise BadSetting(f"{min(repeated)!r} is asked for and left out at once; name it in one field")
             classes = Classes(classes.words, question.negatives)
         classes = with_kinds(classes, self.workspace.settings(classify.STAGE))
-        config = query_config(self.workspace, {})
-        return build_vocabulary(self.workspace, classes, config, check_spelling=not question.anyway)
+        return build_vocabulary(self.workspace, classes, self._config, check_spelling=not question.anyway)
 
     def _by_filters(self, catalog: Catalog, question: Question) -> Answer:
         counts: Counter[str] = Counter()
@@ -183,9 +184,7 @@ class Search:
                 yield segment, objects, passes
 
     def _of_class(self, catalog: Catalog, question: Question) -> Mapping[str, Objects]:
-        """Return the boxes of all drives, of one class where one is asked for."""
-        if not question.class_name:
-            return catalog.drives
+        """Return the boxes of all drives of the class that is asked for."""
         return {
             segment: objects[catalog.names(segment).class_name == question.class_name]
             for segment, objects in catalog.drives.items()

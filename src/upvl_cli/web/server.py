@@ -65,7 +65,7 @@ def serve(workspace: Workspace, options: ServeOptions, on_ready: Callable[[str],
     config = uvicorn.Config(
         site.application(access),
         access_log=options.access_log,
-        log_level="info" if options.access_log else "warning",
+        log_level="info" if options.access_log else "error",
         server_header=False,
         proxy_headers=False,
         lifespan="off",

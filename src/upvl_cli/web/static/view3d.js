@@ -92,6 +92,7 @@
     return [
       canvas.width / 2 + scale * (dx * from.right[0] + dy * from.right[1]),
       canvas.height / 2 + scale * (dx * from.down[0] + dy * from.down[1] + dz * from.down[2]),
+      depth,
     ];
   }
 
@@ -114,14 +115,15 @@
       const pixel = project(from, x, y, z);
       if (!pixel) continue;
       const u = pixel[0] | 0, v = pixel[1] | 0;
-      if (u < 0 || v < 0 || u >= width - 1 || v >= height - 1) continue;
+      const wide = pixel[2] < 30 ? 3 : 2;
+      if (u < 0 || v < 0 || u >= width - wide || v >= height - wide) continue;
       let colour = height_colour(z);
       if (hit) {
         const dx = x - hit.center[0], dy = y - hit.center[1], dz = z - hit.center[2];
         const inside = Math.abs(dx * c + dy * s) <= hit.size[0] / 2 && Math.abs(dy * c - dx * s) <= hit.size[1] / 2 && Math.abs(dz) <= hit.size[2] / 2;
         if (inside) colour = 0xff308aff;
       }
-      pixels[v * width + u] = pixels[v * width + u + 1] = pixels[(v + 1) * width + u] = pixels[(v + 1) * width + u + 1] = colour;
+      for (let row = v; row < v + wide; row++) pixels.fill(colour, row * width + u, row * width + u + wide);
     }
     context.putImageData(image, 0, 0);
   }
@@ -141,7 +143,7 @@
     let open = false;
     for (const place of places) {
       const pixel = project(from, ...place);
-      if (pixel) open ? context.lineTo(...pixel) : context.moveTo(...pixel);
+      if (pixel) open ? context.lineTo(pixel[0], pixel[1]) : context.moveTo(pixel[0], pixel[1]);
       open = Boolean(pixel);
     }
     context.strokeStyle = colour;
@@ -165,7 +167,7 @@
       context.fillStyle = "#ffb27a";
       context.font = "20px system-ui, sans-serif";
       context.textAlign = "center";
-      context.fillText(`${box.name || "object"} ${box.speed.toFixed(1)} m/s`, ...top);
+      context.fillText(`${box.name || "object"} ${box.speed.toFixed(1)} m/s`, top[0], top[1]);
     }
   }
 
