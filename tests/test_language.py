@@ -73,9 +73,12 @@ def identifiers(path: Path) -> Iterator[str]:
             yield from (node.asname or node.name).split(".")
 
 
+FOREIGN = {"viewer": {"contents"}}  # names of parameters of a library that a folder uses
+
+
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT / "src" / "upvl_cli")))
 def test_no_replaced_word_is_an_identifier(path: Path) -> None:
-    found = {name.lstrip("_") for name in identifiers(path)} & set(REPLACED)
+    found = {name.lstrip("_") for name in identifiers(path)} & set(REPLACED) - FOREIGN.get(path.parent.name, set())
     assert not found, {name: REPLACED[name] for name in found}
 
 

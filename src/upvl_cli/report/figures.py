@@ -61,7 +61,7 @@ class Histogram:
 
 
 @dataclass(frozen=True)
-class RankingRow:
+class RankedClass:
     """One name of a ranking: its text, in full and as it fits, how often it occurs, and its bars."""
 
     name: str
@@ -72,7 +72,7 @@ class RankingRow:
 
 
 @dataclass(frozen=True)
-class Ranking:
+class RankedClasses:
     """The names that occur most, as horizontal bars.
 
     Attributes:
@@ -84,7 +84,7 @@ class Ranking:
     """
 
     title: str
-    rows: tuple[RankingRow, ...]
+    rows: tuple[RankedClass, ...]
     height: float
     others: int
     summary: str
@@ -160,7 +160,7 @@ def _y_ticks(most: int, y_scale: float, base: float) -> list[Tick]:
     return [Tick(base - mark * y_scale, f"{mark:g}") for mark in marks[marks <= most].tolist()]
 
 
-def ranking(title: str, names: Sequence[str], kinds: Sequence[str]) -> Ranking | None:
+def ranking(title: str, names: Sequence[str], kinds: Sequence[str]) -> RankedClasses | None:
     """Return how often each name occurs, or None without a name.
 
     Args:
@@ -182,6 +182,6 @@ def ranking(title: str, names: Sequence[str], kinds: Sequence[str]) -> Ranking |
                 bars.append(Bar(x, y + 3, items * scale, ROW_HEIGHT - 7, kind, f"{name}: {items} {kind}"))
                 x += items * scale
         short = name if len(name) <= LONGEST_NAME else name[: LONGEST_NAME - 1] + "…"
-        rows.append(RankingRow(name, short, count, y, tuple(bars)))
+        rows.append(RankedClass(name, short, count, y, tuple(bars)))
     summary = ", ".join(f"{row.name} {row.count}" for row in rows)
-    return Ranking(title, tuple(rows), len(rows) * ROW_HEIGHT, len(totals) - len(rows), summary)
+    return RankedClasses(title, tuple(rows), len(rows) * ROW_HEIGHT, len(totals) - len(rows), summary)

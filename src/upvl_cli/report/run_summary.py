@@ -17,7 +17,7 @@ from upvl_cli.pipeline.tables import read_footer
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.report.costs import StageCost, StageCounts, stage_costs, stage_counts
 from upvl_cli.report.drive_labels import DriveLabels, TrackTable, concat_tracks, read_labels, tracks_of
-from upvl_cli.report.figures import Histogram, Ranking
+from upvl_cli.report.figures import Histogram, RankedClasses
 from upvl_cli.report.pictures import EmbeddedFrame, PictureBudget, frame_pictures
 from upvl_cli.report.scores import ScoreSheet, score_sheets
 from upvl_cli.report.settings import Provenance, SettingChange, changed_settings, provenance_of
@@ -77,7 +77,7 @@ class RunSummary:
     verdict: str
     totals: FoundTotals
     classes: list[ClassCounts]
-    rankings: list[Ranking]
+    rankings: list[RankedClasses]
     histograms: list[Histogram]
     drives: list[DriveReport]
     drives_left_out: int

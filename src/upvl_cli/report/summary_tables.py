@@ -9,7 +9,7 @@ import numpy as np
 
 from upvl_cli.drawing.colours import CLASSES
 from upvl_cli.report.drive_labels import DriveLabels, TrackTable
-from upvl_cli.report.figures import Histogram, Ranking, histogram, kind_of, ranking
+from upvl_cli.report.figures import Histogram, RankedClasses, histogram, kind_of, ranking
 from upvl_cli.types import Array
 
 MOST_CLASSES = 40
@@ -80,7 +80,9 @@ def travel_m(world_from_ego: Array) -> float:
     return float(np.linalg.norm(np.diff(world_from_ego[:, :3, 3], axis=0), axis=1).sum())
 
 
-def distributions(drives: Sequence[DriveLabels], tracks: TrackTable) -> tuple[list[Ranking], list[Histogram]]:
+def distributions(
+    drives: Sequence[DriveLabels], tracks: TrackTable
+) -> tuple[list[RankedClasses], list[Histogram]]:
     """Return rankings of classes and words, and histograms; those without a value are left out."""
     kinds = [str(name) for name in tracks.class_name]
     words = [str(word) or NO_WORD for word in tracks.word]
