@@ -78,7 +78,9 @@ FOREIGN = {"viewer": {"contents"}}  # names of parameters of a library that a fo
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT / "src" / "upvl_cli")))
 def test_no_replaced_word_is_an_identifier(path: Path) -> None:
-    found = {name.lstrip("_") for name in identifiers(path)} & set(REPLACED) - FOREIGN.get(path.parent.name, set())
+    found = {name.lstrip("_") for name in identifiers(path)} & set(REPLACED) - FOREIGN.get(
+        path.parent.name, set()
+    )
     assert not found, {name: REPLACED[name] for name in found}
 
 
