@@ -1,12 +1,13 @@
 # make pipeline   set up, label the built-in drive, print and draw the result
 # make test       set up, run the tests
+# make demo       write docs/demo.html and docs/city.webp from the labels of the built-in drive (after make pipeline)
 # make lint docs  check style and types; write docs/pipeline.md
 # make wheel-test build wheel and sdist, install the wheel elsewhere, label a short drive with it
 
 PYTHON ?= python3
 VENV ?= .venv
 UPVL_COMMAND = $(VENV)/bin/upvl
-NO_PLAN = test test-all lint docs setup wheel-test
+NO_PLAN = test test-all lint docs demo setup wheel-test
 include workspace.mk
 
 $(OUT)/rules.mk: $(VENV)/.installed
@@ -17,7 +18,7 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	$(VENV)/bin/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
 	@touch $@
 
-.PHONY: setup test test-all lint docs wheel-test
+.PHONY: setup test test-all lint docs demo wheel-test
 setup: $(VENV)/.installed
 
 test: setup
@@ -33,6 +34,11 @@ lint: setup
 
 docs: setup
 	$(UPVL) docs
+
+demo: setup
+	$(UPVL) report -s train-000 --to docs/demo.html
+	$(UPVL) draw train-000 --animate
+	cp $(OUT)/draw/train-000.webp docs/city.webp
 
 wheel-test: setup
 	PYTHON=$(VENV)/bin/python .ci/wheel

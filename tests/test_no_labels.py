@@ -59,12 +59,16 @@ def write_objects(drive: TinyDrive, text: str) -> None:
 def labelled(drive: TinyDrive, folder: Path) -> tuple[dict[str, bytes], dict[str, list[str]]]:
     """Every shard of a fresh run, and what the process opened and imported."""
     make_workspace(folder, raw__dataset='"kitti"', raw__root=f'"{drive.root}"')
+    # What a person corrected in an earlier run is human work as well; a damaged file would stop whoever opens it.
+    (folder / "out" / "corrections").mkdir(parents=True)
+    (folder / "out" / "corrections" / f"{drive.segment}.parquet").write_bytes(b"no table")
     command = [sys.executable, "-c", WATCHED, folder / "report.json", "autolabel", "--moving-only"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
     assert (folder / "report.json").exists(), done.stderr
     report = json.loads((folder / "report.json").read_text())
     assert report["code"] == 0, done.stderr
-    shards = {str(path.relative_to(folder)): path.read_bytes() for path in folder.glob("out/*/*.parquet")}
+    made = [path for path in folder.glob("out/*/*.parquet") if path.parent.name != "corrections"]
+    shards = {str(path.relative_to(folder)): path.read_bytes() for path in made}
     return shards, report
 
 
@@ -74,6 +78,7 @@ def test_a_run_opens_no_label(drive: TinyDrive, tmp_path: Path) -> None:
     opened = report["seen"]
     assert any("velodyne_points" in path for path in opened), "the hook saw nothing"
     assert not [path for path in opened if "tracklet" in path or "object_label" in path]
+    assert not [path for path in opened if "out/corrections" in path]
     assert not [name for name in report["modules"] if re.match(READS_LABELS, name)]
     assert not [name for name in report["modules"] if "evaluation" in name]
 

@@ -14,7 +14,8 @@ from upvl_cli.errors import BadInput, BadSetting
 from upvl_cli.export.drive import ExportBoxes, ExportDrive
 from upvl_cli.export.format import POINTS, SCORE, TRACK, VELOCITY, ExportOptions
 from upvl_cli.export.formats import FORMATS, export_format
-from upvl_cli.export.run import MANIFEST, export, read_back
+from upvl_cli.export.manifest import MANIFEST
+from upvl_cli.export.run import export, read_back
 from upvl_cli.geometry.se3 import apply, rotate, wrap_angle
 from upvl_cli.types import concat
 

@@ -7,7 +7,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from upvl_cli.query.votes import NO_CLASS, best_of_groups, ranking_score, vote
+from upvl_cli.query.votes import NO_CLASS, best_of_groups, vote
 
 CLASS_OF_WORD = np.array([0, 0, 1, 2, 2])
 
@@ -70,12 +70,6 @@ def test_without_points_nothing_wins() -> None:
     assert result.class_index.tolist() == [NO_CLASS, NO_CLASS]
     assert not result.share.any()
     assert len(vote(np.zeros((0, 5)), np.zeros(0, int), 0, CLASS_OF_WORD).share) == 0
-
-
-def test_objects_are_ranked_by_what_sets_them_apart() -> None:
-    cosines = np.array([[0.9, 0.8], [0.5, 0.1]])
-    np.testing.assert_allclose(ranking_score(cosines, np.array([True, False])), [0.1, 0.4])
-    np.testing.assert_allclose(ranking_score(cosines, np.array([True, True])), [0.9, 0.5])
 
 
 def test_the_best_of_each_track_comes_first() -> None:

@@ -26,11 +26,23 @@ from upvl_cli.cli import query
 from upvl_cli.cli import draw
 
 # isort: split
+from upvl_cli.cli import view
+
+# isort: split
+from upvl_cli.cli import report
+
+# isort: split
+from upvl_cli.cli import serve
+
+# isort: split
+from upvl_cli.cli import export
+
+# isort: split
 from upvl_cli.cli import evaluate, train
 from upvl_cli.cli.application import app
 from upvl_cli.errors import UpvlError, one_line
 
-COMMANDS = (labels, import_, check, stages, query, draw, evaluate, train)
+COMMANDS = (labels, import_, check, stages, query, draw, view, report, serve, export, evaluate, train)
 
 
 def run(arguments: Sequence[str]) -> int:

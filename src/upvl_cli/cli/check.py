@@ -46,13 +46,21 @@ def check_drives(
 
     No label is read without --labels. The exit code is 2 where a fault was found, and 0 with --anyway.
     """
-    from upvl_cli.commands.drive_check import check_segment, mark_checked, quick_report, refuse_faults
+    from upvl_cli.commands.drive_check import (
+        check_segment,
+        keep_full_report,
+        mark_checked,
+        quick_report,
+        refuse_faults,
+    )
 
     workspace: Workspace = context.obj
     reports = []
     for name in workspace.segments if segment is None else [segment]:
         workspace.check_name(name, workspace.segments)
         report = quick_report(workspace, name) if quick else check_segment(workspace, name, quick=False)
+        if not quick:
+            keep_full_report(workspace, report)
         if labels:
             report = replace(report, findings=(*report.findings, *label_findings(workspace, name)))
         reports.append(report)

@@ -26,6 +26,22 @@ def draw(
             help="Colour each point by its class, fused over the drive: run upvl semantics first.",
         ),
     ] = False,
+    animate: Annotated[
+        bool,
+        typer.Option(
+            "--animate",
+            help="Draw the drive over time into one animated picture, from above and by the camera that looks ahead: "
+            "out/draw/DRIVE.webp, or .gif.",
+        ),
+    ] = False,
+    animate_as: Annotated[
+        str,
+        typer.Option(
+            help="Format of --animate. webp: all colours, shown by browsers and GitHub; gif: fewer colours and four "
+            "times the bytes, shown by every program.",
+            metavar="webp|gif",
+        ),
+    ] = "webp",
 ) -> None:
     """Draw points, boxes and tracks from above, and boxes on the camera's picture."""
     from upvl_cli.commands.draw import draw_frame
@@ -33,9 +49,14 @@ def draw(
 
     if semantics and words is not None:
         raise BadSetting("both --words and --semantics are given; points have one colour each: leave one out")
+    if animate and (semantics or words is not None or frame is not None):
+        raise BadSetting("--animate draws boxes over all frames; leave out --frame, --words and --semantics")
     workspace: Workspace = context.obj
     for name in workspace.segments if segment is None else [segment]:
         workspace.check_name(name, workspace.segments)
+        if animate:
+            _animate(workspace, name, animate_as)
+            continue
         if semantics:
             drawn = draw_semantics(workspace, name, frame)
         elif words is not None:
@@ -44,6 +65,14 @@ def draw(
             drawn = draw_frame(workspace, name, frame)
         for path in drawn:
             print(path)
+
+
+def _animate(workspace: Workspace, segment: str, kind: str) -> None:
+    from upvl_cli.commands.animate import animate_drive
+
+    drawn = animate_drive(workspace, segment, kind)
+    thinned = "" if drawn.shown == drawn.frames else f", {drawn.shown} of {drawn.frames} frames"
+    print(f"{drawn.path} ({drawn.size_bytes / 1e6:.1f} MB{thinned})")
 
 
 @app.command("fit-background-threshold")

@@ -55,6 +55,14 @@ def evaluate(
             "Without it, iou of eval.toml."
         ),
     ] = None,
+    truth: Annotated[
+        str,
+        typer.Option(
+            metavar="labels|corrections",
+            help="What boxes are scored against. labels: the human labels of the dataset; corrections: the auto labels "
+            "as a person has corrected them (upvl import-labels), in the drives that have corrections.",
+        ),
+    ] = "labels",
     more: Annotated[list[float] | None, typer.Argument(hidden=True, metavar="IOU")] = None,
 ) -> None:
     """Score auto labels, detections or tracks against human labels: tables, out/eval/*.json and plots."""
@@ -63,8 +71,11 @@ def evaluate(
     from upvl_cli.evaluation import run
 
     overrides = {"iou": sorted({*(iou or ()), *(more or ())})} if iou or more else {}
-    report = run.evaluate(context.obj, what, moving_only, class_agnostic, region, overrides, segment or ())
-    warn_of_labels(context.obj, segment)
+    report = run.evaluate(
+        context.obj, what, moving_only, class_agnostic, region, overrides, segment or (), truth
+    )
+    if truth == "labels":
+        warn_of_labels(context.obj, segment)
     paths = list(run.write(context.obj, report))
     for item in [*run.render(report), *map(str, paths)]:
         Console(soft_wrap=isinstance(item, str)).print(item, markup=False, highlight=False)

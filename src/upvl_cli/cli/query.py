@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any
@@ -9,6 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from upvl_cli.cli.application import Segments, app
+from upvl_cli.cli.filter_options import FromS, MaxRange, MaxSpeed, MinScore, MinSpeed, Moving, ToS
 from upvl_cli.errors import BadSetting
 
 On = Annotated[
@@ -39,32 +41,14 @@ def query(
         typer.Option(help="TOML file of classes with several words each, and optional negatives."),
     ] = None,
     on: On = None,
-    moving: Annotated[
-        bool | None,
-        typer.Option(
-            "--moving/--parked",
-            help="Search only moving or only parked objects; moving is a speed of at least moving_mps of query.toml.",
-        ),
-    ] = None,
-    min_speed: Annotated[
-        float | None, typer.Option(help="Minimum horizontal speed of an object over the ground (m/s).")
-    ] = None,
-    max_speed: Annotated[
-        float | None, typer.Option(help="Maximum horizontal speed of an object over the ground (m/s).")
-    ] = None,
-    max_range: Annotated[
-        float | None, typer.Option(help="Maximum horizontal distance of an object from the car (m).")
-    ] = None,
+    moving: Moving = None,
+    min_speed: MinSpeed = None,
+    max_speed: MaxSpeed = None,
+    max_range: MaxRange = None,
     segment: Segments = None,
-    from_s: Annotated[
-        float | None, typer.Option("--from", help="Earliest time after the first frame of a drive (s).")
-    ] = None,
-    to_s: Annotated[
-        float | None, typer.Option("--to", help="Latest time after the first frame of a drive (s).")
-    ] = None,
-    min_score: Annotated[
-        float | None, typer.Option(help="Minimum confidence of a box itself, from 0 to 1.")
-    ] = None,
+    from_s: FromS = None,
+    to_s: ToS = None,
+    min_score: MinScore = None,
     threshold: Annotated[
         float | None,
         typer.Option(
@@ -87,6 +71,19 @@ def query(
             help="Rank all objects by their mean feature first, and classify only the best of them.",
         ),
     ] = None,
+    near: Annotated[
+        str | None,
+        typer.Option(
+            metavar="WORDS",
+            help="Keep only hits that are near an object of these words, separated by commas, in the same frame.",
+        ),
+    ] = None,
+    within: Annotated[
+        float | None,
+        typer.Option(
+            help="Largest horizontal gap between a hit and an object of --near (m); 5 without this option."
+        ),
+    ] = None,
     sheet: Annotated[
         bool, typer.Option("--sheet/--no-sheet", help="Draw the best hits into one picture.")
     ] = True,
@@ -95,7 +92,7 @@ def query(
     """Find objects by words: print a table, write out/query/*.parquet with all hits, and draw the best."""
     from upvl_cli.query.classes import classes_from_file, classes_from_phrases
     from upvl_cli.query.filters import Filters
-    from upvl_cli.query.run import Request
+    from upvl_cli.query.run import Near, Request
     from upvl_cli.query.run import query as answer
 
     if by not in (None, "vote", "mean"):
@@ -104,6 +101,8 @@ def query(
         raise BadSetting(
             "both phrases and --classes are given; put the phrases into the file, or leave it out"
         )
+    if within is not None and (near is None or not 0 <= within < math.inf):
+        raise BadSetting(f"--within {within}: expected metres from 0 on, together with --near WORDS")
     filters = Filters(
         segments=segment or (),
         moving=moving,
@@ -118,12 +117,15 @@ def query(
     queried = classes_from_file(classes) if classes else classes_from_phrases(phrases or [])
     request = Request(
         classes=queried,
-        name=classes.stem if classes else " ".join(queried.words),
+        name=" ".join([classes.stem] if classes else queried.words) + (f" near {near}" if near else ""),
         source=on,
         filters=filters,
         sheet=sheet,
         check_spelling=not anyway,
         values={name: value for name, value in given.items() if value is not None},
+        near=Near(classes_from_phrases([near]), 5.0 if within is None else within)
+        if near is not None
+        else None,
     )
     _print(answer(context.obj, request))
 

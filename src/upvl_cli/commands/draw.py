@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from upvl_cli.drawing.birds_eye import View, birds_eye
+from upvl_cli.drawing.birds_eye import BoxPaint, View, birds_eye
 from upvl_cli.drawing.camera_view import camera_view
 from upvl_cli.errors import BadSetting
 from upvl_cli.geometry.se3 import apply, inverse
@@ -17,7 +17,7 @@ from upvl_cli.pipeline.tables import Table
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.runtime.atomic import atomic_file
 from upvl_cli.stages.rows import AmodalRow, GroundRow, MaskRow, OdometryRow
-from upvl_cli.types import Array
+from upvl_cli.types import Array, TrackedBoxes
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -43,7 +43,8 @@ def draw_frame(workspace: Workspace, segment: str, frame: int | None) -> Iterato
     labels = workspace.table("nms", AmodalRow, segment)
     frame = chosen_frame(labels, segment, frame)
     stem = workspace.out / "draw" / f"{segment}-{frame:06d}"
-    yield save(_from_above(workspace, segment, frame, labels), stem.with_name(f"{stem.name}-above.png"))
+    above = image_from_above(workspace, segment, frame, labels[frame].tracked_boxes)
+    yield save(above, stem.with_name(f"{stem.name}-above.png"))
     drive = workspace.drive(segment)
     for camera in drive.cameras:
         image = drive.image(frame, camera.name)
@@ -71,18 +72,45 @@ def chosen_frame(table: Table[R], segment: str, frame: int | None) -> int:
     return frame
 
 
-def _from_above(workspace: Workspace, segment: str, frame: int, labels: Table[AmodalRow]) -> Image:
+def image_from_above(
+    workspace: Workspace,
+    segment: str,
+    frame: int,
+    boxes: TrackedBoxes,
+    *,
+    view: View = VIEW,
+    paints: Sequence[BoxPaint] | None = None,
+    has_tails: bool = True,
+    title: str | None = None,
+) -> Image:
+    """Return one frame from above: points by state, boxes, and the past path of their tracks.
+
+    Args:
+        workspace: The workspace of the labels.
+        segment: Name of the drive.
+        frame: Index of the frame.
+        boxes: The boxes to draw, in the ego axes of the frame.
+        view: The part of the ground to show.
+        paints: Of each box its colour and text; None takes those of the tracks.
+        has_tails: Whether to draw the past path of the tracks.
+        title: Text of the upper left corner; None names the drive, the frame and the number of boxes.
+
+    Raises:
+        NotMade: The ground, the mask or the poses are missing.
+    """
+    labels = workspace.table("nms", AmodalRow, segment)
     ground = workspace.table("ground", GroundRow, segment)[frame]
     mask = workspace.table("mask", MaskRow, segment)[frame]
     candidate = mask.is_moving & (mask.background != 1) & ~ground.is_ground
     state = np.where(candidate, 2, np.where(ground.is_ground, 0, 1))
     return birds_eye(
-        VIEW,
+        view,
         workspace.drive(segment).points(frame).xyz_ego_m,
         state,
-        labels[frame].tracked_boxes,
-        _tails(labels, workspace.table("odometry", OdometryRow, segment), frame),
-        f"{segment}  frame {frame}  {len(labels[frame].track_id)} boxes",
+        boxes,
+        _tails(labels, workspace.table("odometry", OdometryRow, segment), frame) if has_tails else {},
+        f"{segment}  frame {frame}  {len(boxes)} boxes" if title is None else title,
+        paints,
     )
 
 

@@ -223,6 +223,47 @@ def kept_report(workspace: Workspace, segment: str) -> CheckReport | None:
     return _kept(_report_path(workspace, segment), _stamp(workspace, segment), segment)
 
 
+@dataclass(frozen=True)
+class FullCheck:
+    """What the full check of a drive found when it was last asked.
+
+    Attributes:
+        findings: In the order of the checks.
+        card: Its sensor card for people: subject and text of each line; empty where they were not measured.
+    """
+
+    findings: tuple[Finding, ...]
+    card: tuple[tuple[str, str], ...]
+
+
+def keep_full_report(workspace: Workspace, report: CheckReport) -> None:
+    """Write the full check of a drive to `out/check/full`, for those who show it later."""
+    content = {
+        "stamp": _stamp(workspace, report.segment),
+        "findings": [finding.to_json() for finding in report.findings],
+        "card": report.card.lines if report.card else (),
+    }
+    text = json.dumps(content, indent=1, ensure_ascii=False)
+    write_if_changed(_full_path(workspace, report.segment), text + "\n")
+
+
+def kept_full_report(workspace: Workspace, segment: str) -> FullCheck | None:
+    """Return the last full check of a drive; None where it was not asked, or the drive is another one since."""
+    path, stamp = _full_path(workspace, segment), _stamp(workspace, segment)
+    report = _kept(path, stamp, segment)
+    if report is None:
+        return None
+    try:
+        lines = json.loads(path.read_text(encoding="utf-8"))["card"]
+        return FullCheck(report.findings, tuple((str(subject), str(text)) for subject, text in lines))
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return None
+
+
+def _full_path(workspace: Workspace, segment: str) -> Path:
+    return workspace.out / "check" / "full" / f"{segment}.json"
+
+
 def _report_path(workspace: Workspace, segment: str) -> Path:
     return workspace.out / "check" / f"{segment}.json"
 

@@ -20,7 +20,7 @@ def create(folder: Path) -> None:
         BadSetting: The folder holds `stages` or `Makefile` already; nothing is changed.
         UpvlError: The folder cannot be written, or the installed package lacks the files.
     """
-    source = _source()
+    source = shipped_workspace()
     try:
         taken = [path for path in (folder / "stages", folder / "Makefile") if os.path.lexists(path)]
         if taken:
@@ -36,8 +36,8 @@ def create(folder: Path) -> None:
         raise UpvlError(f"cannot make a workspace in {str(folder)[:200]}: {reason[:200]}") from error
 
 
-def _source() -> Path:
-    """Return the folder that holds `stages` and `workspace.mk`.
+def shipped_workspace() -> Path:
+    """Return the folder that holds `stages` and `workspace.mk` as they ship.
 
     The wheel has both in `upvl_cli/workspace` (see `force-include` in pyproject.toml); a checkout has them at its root.
     """

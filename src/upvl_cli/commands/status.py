@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from upvl_cli.pipeline.pipeline import AnyStage
@@ -39,6 +39,20 @@ class StageStatus:
     reason: str
 
 
+@dataclass(frozen=True)
+class LastRun:
+    """What making a shard took when it was last made.
+
+    Attributes:
+        seconds: Elapsed time.
+        peak_mib: Largest resident memory that the process had reached by then, stages before it in the same process
+            included; None where the log does not hold it.
+    """
+
+    seconds: float
+    peak_mib: float | None
+
+
 def status(workspace: Workspace) -> list[StageStatus]:
     """Return the status of each stage, in order; a shard made from one that is not fresh is stale.
 
@@ -46,8 +60,8 @@ def status(workspace: Workspace) -> list[StageStatus]:
         workspace: The workspace of the shards.
     """
     states = {segment: dict(_states(workspace, segment)) for segment in workspace.segments}
-    seconds = _seconds(workspace)
-    return [_stage_status(workspace, stage, states, seconds) for stage in workspace.pipeline.stages]
+    runs = last_runs(workspace)
+    return [_stage_status(workspace, stage, states, runs) for stage in workspace.pipeline.stages]
 
 
 def _states(workspace: Workspace, segment: str) -> Iterator[tuple[str, tuple[str, str]]]:
@@ -66,7 +80,7 @@ def _stage_status(
     workspace: Workspace,
     stage: AnyStage,
     states: dict[str, dict[str, tuple[str, str]]],
-    seconds: dict[tuple[str, str], float],
+    runs: Mapping[tuple[str, str], LastRun],
 ) -> StageStatus:
     of_segment = {segment: all_states[stage.name] for segment, all_states in states.items()}
     if stage.is_of_dataset:
@@ -81,20 +95,22 @@ def _stage_status(
         missing=conditions.count("missing"),
         rows=sum(footer.rows for footer in footers),
         size_bytes=sum(path.stat().st_size for path in paths if path.exists()),
-        seconds=sum(seconds.get((stage.name, segment), 0.0) for segment in of_segment),
+        seconds=sum(runs[key].seconds for segment in of_segment if (key := (stage.name, segment)) in runs),
         reason=next((reason for condition, reason in of_segment.values() if condition == "stale"), ""),
     )
 
 
-def _seconds(workspace: Workspace) -> dict[tuple[str, str], float]:
-    """Return by stage and segment the seconds of the last run; lines that a kill cut short are skipped."""
+def last_runs(workspace: Workspace) -> dict[tuple[str, str], LastRun]:
+    """Return the last run of each stage and segment, of `out/runs.jsonl`; lines that a kill cut short are skipped."""
     try:
         lines = (workspace.out / "runs.jsonl").read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
         return {}
-    seconds: dict[tuple[str, str], float] = {}
+    runs: dict[tuple[str, str], LastRun] = {}
     for line in lines:
         with contextlib.suppress(ValueError, KeyError, TypeError, RecursionError):
             run = json.loads(line)
-            seconds[str(run["stage"]), str(run["segment"])] = float(run["seconds"])
-    return seconds
+            peak_mib = run.get("peak_mib")
+            key = str(run["stage"]), str(run["segment"])
+            runs[key] = LastRun(float(run["seconds"]), None if peak_mib is None else float(peak_mib))
+    return runs

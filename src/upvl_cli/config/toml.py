@@ -8,6 +8,7 @@ import reprlib
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, fields
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
@@ -84,6 +85,7 @@ def read_toml(path: Path) -> dict[str, object]:
         raise BadSetting(f"{path} cannot be read: {error.strerror}") from None
 
 
+@cache
 def _model_of(config: type[Config]) -> type[BaseModel]:
     """Return the pydantic model that checks the settings: strict types, bounds of each item, no unknown keys."""
     from pydantic import ConfigDict, Field, create_model

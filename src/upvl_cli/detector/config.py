@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 from upvl_cli.config.base import Config, setting, table
@@ -181,6 +182,21 @@ class GroundingConfig(Config):
 
 
 @dataclass(frozen=True)
+class HandCorrectionsConfig(Config):
+    """Labels that a person has corrected (`upvl import-labels`); without them no training sees human work."""
+
+    folder: str = setting(
+        "folder of hand corrections, such as out/corrections, whose drives are learned from as a person left them; "
+        "empty: none is read"
+    )
+    weight: int = setting(
+        "times that a frame of a drive with hand corrections is drawn for each time that another frame is",
+        ge=1,
+        le=1000,
+    )
+
+
+@dataclass(frozen=True)
 class TrainConfig(Config):
     """Settings of `train`."""
 
@@ -209,6 +225,12 @@ class TrainConfig(Config):
     optimizer: OptimizerConfig = table("AdamW and its learning rate")
     augmentation: AugmentationConfig = table("random changes of training frames")
     self_training: SelfTrainingConfig = table("trainings on detections of the training before")
+    hand_corrections: HandCorrectionsConfig = table("labels that a person has corrected")
+
+    def files(self, segment: str) -> tuple[Path, ...]:
+        """Return the hand corrections of all drives."""
+        folder = self.hand_corrections.folder
+        return tuple(sorted(Path(folder).glob("*.parquet"))) if folder else ()
 
     @property
     def detector(self) -> DetectorConfig:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,28 +18,52 @@ GRID_M = 10
 
 @dataclass(frozen=True)
 class View:
-    """The part of the ground that a picture shows, in ego axes (m)."""
+    """The part of the ground that a picture shows, in ego axes (m), and its scale."""
 
     x_min_m: float
     x_max_m: float
     y_min_m: float
     y_max_m: float
+    pixels_per_metre: float = PIXELS_PER_METRE
 
     @property
     def size_px(self) -> tuple[int, int]:
         """Width and height of the picture."""
-        width = (self.y_max_m - self.y_min_m) * PIXELS_PER_METRE
-        return round(width), round((self.x_max_m - self.x_min_m) * PIXELS_PER_METRE)
+        width = (self.y_max_m - self.y_min_m) * self.pixels_per_metre
+        return round(width), round((self.x_max_m - self.x_min_m) * self.pixels_per_metre)
 
     def pixels(self, xy_ego_m: Array) -> Array:
         """Return (n, 2) pixels, column and row, of (n, 2) places in ego axes: x points up, y to the left."""
-        columns = (self.y_max_m - xy_ego_m[:, 1]) * PIXELS_PER_METRE
-        rows = (self.x_max_m - xy_ego_m[:, 0]) * PIXELS_PER_METRE
+        columns = (self.y_max_m - xy_ego_m[:, 1]) * self.pixels_per_metre
+        rows = (self.x_max_m - xy_ego_m[:, 0]) * self.pixels_per_metre
         return np.stack([columns, rows], axis=1)
 
 
+@dataclass(frozen=True)
+class BoxPaint:
+    """Colour of a box, and the text beside it; empty for none."""
+
+    colour: colours.Colour
+    text: str
+
+
+def paints_by_track(boxes: TrackedBoxes) -> list[BoxPaint]:
+    """Return for each box the colour of its track, and the id of the track with the speed as text."""
+    speed_mps = np.linalg.norm(boxes.velocity_mps[:, :2], axis=1)
+    return [
+        BoxPaint(colours.track_colour(track_id), f"{track_id}  {speed:.1f} m/s")
+        for track_id, speed in zip(boxes.track_id.tolist(), speed_mps.tolist(), strict=True)
+    ]
+
+
 def birds_eye(
-    view: View, xyz_ego_m: Array, state: Ints, boxes: TrackedBoxes, tails: Mapping[int, Array], title: str
+    view: View,
+    xyz_ego_m: Array,
+    state: Ints,
+    boxes: TrackedBoxes,
+    tails: Mapping[int, Array],
+    title: str,
+    paints: Sequence[BoxPaint] | None = None,
 ) -> Image.Image:
     """Draw one frame from above.
 
@@ -50,17 +74,21 @@ def birds_eye(
         boxes: The boxes of the frame, in its ego axes.
         tails: For each track (m, 2) earlier centres in the ego axes of this frame.
         title: Text of the upper left corner.
+        paints: Of each box its colour and text; None takes those of `paints_by_track`.
     """
+    paints = paints_by_track(boxes) if paints is None else paints
     canvas = np.full((*view.size_px[::-1], 3), colours.BACKGROUND, np.uint8)
     _grid(canvas, view)
     for number, colour in enumerate((colours.GROUND, colours.STATIC, colours.MOVING)):
         _dots(canvas, view.pixels(xyz_ego_m[state == number, :2]), colour, wide=number == 2)
     image = Image.fromarray(canvas)
     draw = ImageDraw.Draw(image)
+    colour_of = {int(track_id): paint.colour for track_id, paint in zip(boxes.track_id, paints, strict=True)}
     for track_id, tail in tails.items():
-        _line(draw, view.pixels(tail), colours.track_colour(track_id), width=2)
-    for box in range(len(boxes)):
-        _box(draw, view, boxes[box : box + 1])
+        colour = colour_of.get(track_id, colours.track_colour(track_id))
+        _line(draw, view.pixels(tail), colour, width=2)
+    for box, paint in enumerate(paints):
+        _box(draw, view, boxes[box : box + 1], paint)
     _ego(draw, view)
     draw.text((8, 6), title, fill=colours.TEXT, font=ImageFont.load_default(16))
     return image
@@ -68,9 +96,11 @@ def birds_eye(
 
 def _grid(canvas: Array, view: View) -> None:
     for x in np.arange(np.ceil(view.x_min_m / GRID_M) * GRID_M, view.x_max_m, GRID_M):
-        canvas[int(np.clip((view.x_max_m - x) * PIXELS_PER_METRE, 0, len(canvas) - 1))] = colours.GRID
+        canvas[int(np.clip((view.x_max_m - x) * view.pixels_per_metre, 0, len(canvas) - 1))] = colours.GRID
     for y in np.arange(np.ceil(view.y_min_m / GRID_M) * GRID_M, view.y_max_m, GRID_M):
-        canvas[:, int(np.clip((view.y_max_m - y) * PIXELS_PER_METRE, 0, canvas.shape[1] - 1))] = colours.GRID
+        canvas[:, int(np.clip((view.y_max_m - y) * view.pixels_per_metre, 0, canvas.shape[1] - 1))] = (
+            colours.GRID
+        )
 
 
 def _dots(canvas: Array, pixels: Array, colour: colours.Colour, *, wide: bool) -> None:
@@ -86,17 +116,15 @@ def _line(draw: ImageDraw.ImageDraw, pixels: Array, colour: colours.Colour, widt
         draw.line([(float(column), float(row)) for column, row in pixels], fill=colour, width=width)
 
 
-def _box(draw: ImageDraw.ImageDraw, view: View, box: TrackedBoxes) -> None:
-    colour = colours.track_colour(int(box.track_id[0]))
+def _box(draw: ImageDraw.ImageDraw, view: View, box: TrackedBoxes, paint: BoxPaint) -> None:
     outline = view.pixels(corners_bev(box)[0])
-    _line(draw, np.concatenate([outline, outline[:1]]), colour, width=2)
+    _line(draw, np.concatenate([outline, outline[:1]]), paint.colour, width=2)
     center_m, heading_rad = box.center_m[0, :2], box.heading_rad[0]
     front_m = center_m + box.size_lwh_m[0, 0] / 2 * np.array([np.cos(heading_rad), np.sin(heading_rad)])
-    _line(draw, view.pixels(np.stack([center_m, front_m])), colour, width=2)
-    speed_mps = float(np.linalg.norm(box.velocity_mps[0, :2]))
+    _line(draw, view.pixels(np.stack([center_m, front_m])), paint.colour, width=2)
     corner = outline.max(axis=0)
-    text = f"{box.track_id[0]}  {speed_mps:.1f} m/s"
-    draw.text((float(corner[0]) + 3, float(corner[1])), text, fill=colour, font=ImageFont.load_default(12))
+    place = float(corner[0]) + 3, float(corner[1])
+    draw.text(place, paint.text, fill=paint.colour, font=ImageFont.load_default(12))
 
 
 def _ego(draw: ImageDraw.ImageDraw, view: View) -> None:

@@ -13,6 +13,23 @@ GROUND: Colour = (62, 68, 78)
 STATIC: Colour = (150, 158, 170)
 MOVING: Colour = (255, 138, 48)
 
+# Of each class of the labels; at least 3:1 against white and against BACKGROUND, so that plots use them as well.
+CLASSES: dict[str, Colour] = {
+    "vehicle": (59, 130, 246),
+    "pedestrian": (229, 72, 77),
+    "cyclist": (217, 119, 6),
+    "other": (151, 96, 235),
+    "unknown": (124, 133, 148),
+}
+
+# What became of a box between two runs.
+CHANGES: dict[str, Colour] = {
+    "kept": (124, 133, 148),
+    "moved": (245, 180, 60),
+    "new": (64, 200, 120),
+    "lost": (240, 82, 90),
+}
+
 _HUE_STEP = 0.61803398875  # golden ratio: the hues of successive ids lie far apart
 
 

@@ -53,6 +53,20 @@ def part_with_box(camera: Camera, box: TrackedBoxes) -> tuple[float, float, floa
     return float(left), float(top), float(right), float(bottom)
 
 
+def surroundings(xyz_ego_m: Array, box: TrackedBoxes) -> Image.Image:
+    """Draw one object and what is around it from above, the points inside of it in another colour.
+
+    Args:
+        xyz_ego_m: (n, 3) points of the sweep.
+        box: The box, in the same axes.
+    """
+    x_m, y_m = box.center_m[0, :2]
+    view = View(x_m - REACH_M, x_m + REACH_M, y_m - REACH_M, y_m + REACH_M)
+    state = np.ones(len(xyz_ego_m), dtype=np.int64)
+    state[pairs_inside(xyz_ego_m, box, margin_m=0.0)[1]] = 2
+    return birds_eye(view, xyz_ego_m, state, box, {}, "")
+
+
 def tile(xyz_ego_m: Array, box: TrackedBoxes, shot: HitPicture | None, title: str) -> Image.Image:
     """Draw one object: from above, and beside it the crop of the picture.
 
@@ -62,27 +76,30 @@ def tile(xyz_ego_m: Array, box: TrackedBoxes, shot: HitPicture | None, title: st
         shot: The picture that shows it; None where no camera does.
         title: Text above.
     """
-    x_m, y_m = box.center_m[0, :2]
-    view = View(x_m - REACH_M, x_m + REACH_M, y_m - REACH_M, y_m + REACH_M)
-    state = np.ones(len(xyz_ego_m), dtype=np.int64)
-    state[pairs_inside(xyz_ego_m, box, margin_m=0.0)[1]] = 2
-    above = birds_eye(view, xyz_ego_m, state, box, {}, "")
+    above = surroundings(xyz_ego_m, box)
     image = Image.new("RGB", (above.width + PICTURE_PX, above.height + TITLE_PX), colours.BACKGROUND)
     image.paste(above, (0, TITLE_PX))
     if shot is not None:
-        crop = _crop(shot, box, above.height)
+        crop = picture_crop(shot, box, (PICTURE_PX, above.height))
         left = above.width + (PICTURE_PX - crop.width) // 2
         image.paste(crop, (left, TITLE_PX + (above.height - crop.height) // 2))
     ImageDraw.Draw(image).text((6, 3), title, fill=colours.TEXT, font=ImageFont.load_default(13))
     return image
 
 
-def _crop(shot: HitPicture, box: TrackedBoxes, height_px: int) -> Image.Image:
+def picture_crop(shot: HitPicture, box: TrackedBoxes, size_px: tuple[int, int]) -> Image.Image:
+    """Return the part of a picture that shows a box, with its edges drawn.
+
+    Args:
+        shot: The picture.
+        box: The box, in ego axes.
+        size_px: Largest width and height of the result.
+    """
     picture = camera_view(shot.rgb, shot.camera, box)
     scale = picture.width / shot.rgb.shape[1]
     left, top, right, bottom = (round(edge * scale) for edge in shot.part_px)
     crop = picture.crop((left, top, max(right, left + 1), max(bottom, top + 1)))
-    return ImageOps.contain(crop, (PICTURE_PX, height_px))
+    return ImageOps.contain(crop, size_px)
 
 
 def sheet(tiles: Sequence[Image.Image]) -> Image.Image:

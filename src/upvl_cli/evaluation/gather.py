@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
@@ -14,6 +14,7 @@ from upvl_cli.datasets.label_registry import label_source
 from upvl_cli.datasets.labels import LabelSource, UnlabelledZones
 from upvl_cli.datasets.shared.tracks import velocities_of_tracks
 from upvl_cli.errors import BadInput, NotMade
+from upvl_cli.evaluation.corrected_labels import CorrectedLabels
 from upvl_cli.evaluation.detection_types import detection_types
 from upvl_cli.evaluation.region import Region
 from upvl_cli.geometry.camera import project
@@ -33,6 +34,18 @@ ODOMETRY = "odometry"  # the stage that estimates poses where a drive has none
 DETECT = "detect"  # the stage whose boxes get their types by their own features
 
 R = TypeVar("R", bound=Row)
+
+
+def _labels_of_dataset(workspace: Workspace) -> LabelSource:
+    return label_source(workspace.raw.dataset, Path(workspace.raw.root), workspace.dataset)
+
+
+HUMAN_LABELS, CORRECTIONS = "labels", "corrections"
+# What boxes are scored against: the labels of the dataset, or the auto labels as a person has corrected them.
+TRUTHS: dict[str, Callable[[Workspace], LabelSource]] = {
+    HUMAN_LABELS: _labels_of_dataset,
+    CORRECTIONS: CorrectedLabels,
+}
 
 
 @dataclass(frozen=True)
@@ -97,6 +110,7 @@ def gather(
     region: Region | None,
     named: bool = False,
     segments: Collection[str] = (),
+    truth: str = HUMAN_LABELS,
 ) -> Material:
     """Return the labels and the boxes of all drives of a workspace that have labels.
 
@@ -106,12 +120,13 @@ def gather(
         region: Labels and boxes whose centre lies outside do not count; None takes all.
         named: Whether the boxes get types: those of the stage `classify`, or for detections those of its words.
         segments: Names of the drives; empty takes all.
+        truth: A key of `TRUTHS`.
 
     Raises:
         BadInput: No drive has labels, or a file of labels is damaged.
         NotMade: A drive has no such boxes, or they were made with other settings.
     """
-    source, frames, left_out = labelled_frames(workspace, segments)
+    source, frames, left_out = labelled_frames(workspace, segments, truth)
     drives = {
         name: _gather_drive(workspace, stage, source, name, frames[name], region, named) for name in frames
     }
@@ -130,18 +145,19 @@ def gather(
 
 
 def labelled_frames(
-    workspace: Workspace, segments: Collection[str] = ()
+    workspace: Workspace, segments: Collection[str] = (), truth: str = HUMAN_LABELS
 ) -> tuple[LabelSource, dict[str, Ints], dict[str, str]]:
     """Return the source of labels, the labelled frames of each drive, and by drive the reason why it has none.
 
     Args:
         workspace: The workspace whose drives are looked at.
         segments: Names of the drives; empty takes all.
+        truth: A key of `TRUTHS`.
 
     Raises:
         BadInput: No drive has labels.
     """
-    source = label_source(workspace.raw.dataset, Path(workspace.raw.root), workspace.dataset)
+    source = TRUTHS[truth](workspace)
     frames: dict[str, Ints] = {}
     left_out: dict[str, str] = {}
     for segment in segments or workspace.segments:

@@ -33,6 +33,7 @@ class Scope:
         boxes: Number of boxes.
         left_out: Reason why a drive could not be scored, by its name.
         dropped: Number of labels and boxes that do not count, by reason.
+        truth: What the boxes are scored against: "labels" or "corrections".
     """
 
     what: str
@@ -46,6 +47,7 @@ class Scope:
     boxes: int
     left_out: Mapping[str, str]
     dropped: Mapping[str, int]
+    truth: str = "labels"
 
 
 @dataclass(frozen=True)
@@ -88,7 +90,8 @@ class Report:
     @property
     def name(self) -> str:
         """Name of the files that it is written to, without suffix."""
-        return f"{self.scope.what}-{self.scope.mode}"
+        against = f"-against-{self.scope.truth}" if self.scope.truth != "labels" else ""
+        return f"{self.scope.what}-{self.scope.mode}{against}"
 
 
 def as_json(report: Report) -> str:
@@ -129,7 +132,8 @@ def _tables(report: Report) -> Iterator[Table]:
 def _scope(scope: Scope) -> Iterator[str]:
     area = scope.region
     region = [f"{area.length_m:g} x {area.width_m:g} m around the car"] if area else []
-    yield ", ".join([scope.what, scope.mode, "class-agnostic", *region])
+    against = ["against hand corrections"] if scope.truth != "labels" else []
+    yield ", ".join([scope.what, scope.mode, "class-agnostic", *region, *against])
     yield f"drives {len(scope.segments)}, frames {scope.frames}, labels {scope.labels}, boxes {scope.boxes}"
     dropped = ", ".join(f"{items} {reason}" for reason, items in sorted(scope.dropped.items()) if items)
     if dropped:

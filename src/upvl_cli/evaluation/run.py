@@ -7,6 +7,7 @@ import os
 import warnings
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,7 @@ from upvl_cli.config.toml import load
 from upvl_cli.errors import BadSetting, UpvlError, one_line
 from upvl_cli.evaluation.config import EvalConfig
 from upvl_cli.evaluation.flow_score import flow_score
-from upvl_cli.evaluation.gather import Material, gather
+from upvl_cli.evaluation.gather import HUMAN_LABELS, TRUTHS, Material, gather
 from upvl_cli.evaluation.region import Region
 from upvl_cli.evaluation.report import NamedScore, Report, Scope, as_json, render
 from upvl_cli.evaluation.score import detection_scores, diagnosis, named_scores, track_scores
@@ -39,6 +40,7 @@ def evaluate(
     region: str | None,
     overrides: Mapping[str, Any],
     segments: Collection[str] = (),
+    truth: str = HUMAN_LABELS,
 ) -> Report:
     """Score the auto labels, tracks or detections of a workspace against human labels.
 
@@ -50,6 +52,7 @@ def evaluate(
         region: Length x width (m) around the car, such as `100x40`; None takes all.
         overrides: Values that replace those of `eval.toml`.
         segments: Names of the drives; empty takes all.
+        truth: A key of `TRUTHS`.
 
     Raises:
         BadInput: No drive has labels, or a file of labels is damaged.
@@ -62,16 +65,20 @@ def evaluate(
         raise BadSetting(
             "tracks are scored whatever their class; run: upvl eval --what tracks --class-agnostic"
         )
+    if truth not in TRUTHS:
+        raise BadSetting(f"--truth {truth!r}: expected one of {', '.join(TRUTHS)}")
     for segment in segments:
         workspace.check_name(segment, workspace.segments)
     settings = load(EvalConfig, workspace.stages / "eval.toml", overrides)
     area = Region.parse(region) if region else None
-    by_class = gather(workspace, STAGE_OF[what], region=area, named=not class_agnostic, segments=segments)
+    by_class = gather(
+        workspace, STAGE_OF[what], region=area, named=not class_agnostic, segments=segments, truth=truth
+    )
     material = by_class.without_classes()
     if moving_only is None:
         moving_only = labels_only_moving(workspace)
     mode = "moving-only" if moving_only else "all-motion"
-    scope = _scope(what, mode, by_class, settings, area)
+    scope = replace(_scope(what, mode, by_class, settings, area), truth=truth)
     if what == "tracks":
         return Report(scope, tracking=track_scores(material, settings, moving_only=moving_only))
     return Report(
@@ -79,7 +86,7 @@ def evaluate(
         detection=detection_scores(material, settings, moving_only=moving_only),
         diagnosis=diagnosis(material, settings, moving_only=moving_only),
         named=[] if class_agnostic else _named(by_class, settings, moving_only),
-        flow=flow_score(workspace, settings, segments) if what == "labels" else None,
+        flow=flow_score(workspace, settings, segments) if (what, truth) == ("labels", HUMAN_LABELS) else None,
     )
 
 

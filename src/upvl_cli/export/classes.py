@@ -40,7 +40,7 @@ def count_unknown(names: Array, fmt: ExportFormat, losses: Losses) -> None:
         return
     for name, boxes in zip(*np.unique(names, return_counts=True), strict=True):
         if str(name) not in fmt.classes:
-            losses[f"boxes of class {name!r}, which is none of the format: written by that name"] += int(
+            losses[f"boxes of class {str(name)!r}, which is none of the format: written by that name"] += int(
                 boxes
             )
 

@@ -41,6 +41,7 @@ class ExportDrive:
         cameras: Its calibrated cameras.
         boxes: The boxes, by ascending frame.
         source: Gives points and pictures; None where the drive cannot be read.
+        deleted: Labels that a person has deleted: who edits an export of corrected labels knows of them.
         point_columns: Gives what is known of the points of a frame, by the names of `point_tables`; None where
             nothing is.
     """
@@ -51,6 +52,7 @@ class ExportDrive:
     cameras: tuple[Camera, ...]
     boxes: ExportBoxes
     source: Drive | None = None
+    deleted: ExportBoxes | None = None
     point_columns: Callable[[int], Mapping[str, Array]] | None = None
 
     @property

@@ -22,11 +22,15 @@ class ExportOptions:
         camera: Name of the camera whose axes and picture a format with one camera takes; empty for the one that
             looks most nearly forward.
         with_data: Whether points and pictures are written too, where the format has a place for them.
+        names: "class" or "word": which column of the labels names the boxes.
+        digests: Digest of the labels of each drive, by which a later import sees that they are still the same.
         world_axes: Whether formats of points write them in the axes of the world instead of those of the car.
     """
 
     camera: str = ""
     with_data: bool = False
+    names: str = "class"
+    digests: Mapping[str, str] = field(default_factory=dict)
     world_axes: bool = False
 
 

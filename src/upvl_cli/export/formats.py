@@ -5,9 +5,12 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from upvl_cli.errors import BadSetting
-from upvl_cli.export.format import ExportFormat
+
+if TYPE_CHECKING:
+    from upvl_cli.export.format import ExportFormat
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,36 @@ def _kitti() -> ExportFormat:
 
 def _kitti_tracking() -> ExportFormat:
     from upvl_cli.export.kitti_tracking import FORMAT
+
+    return FORMAT
+
+
+def _nuscenes() -> ExportFormat:
+    from upvl_cli.export.nuscenes_tables import FORMAT
+
+    return FORMAT
+
+
+def _nuscenes_results() -> ExportFormat:
+    from upvl_cli.export.nuscenes_results import FORMAT
+
+    return FORMAT
+
+
+def _argoverse2() -> ExportFormat:
+    from upvl_cli.export.argoverse2 import FORMAT
+
+    return FORMAT
+
+
+def _waymo() -> ExportFormat:
+    from upvl_cli.export.waymo_objects import FORMAT
+
+    return FORMAT
+
+
+def _waymo_parquet() -> ExportFormat:
+    from upvl_cli.export.waymo_components import FORMAT
 
     return FORMAT
 
@@ -99,6 +132,13 @@ FORMATS: dict[str, FormatEntry] = {
     "csv": FormatEntry("one table a drive, one row a box", _csv),
     "kitti": FormatEntry("KITTI object: label_2 and calib, one file a frame", _kitti),
     "kitti-tracking": FormatEntry("KITTI tracking: label_02, one file a drive", _kitti_tracking),
+    "nuscenes": FormatEntry("nuScenes: a data set of its 13 tables", _nuscenes),
+    "nuscenes-results": FormatEntry("nuScenes: results of detection and tracking", _nuscenes_results),
+    "argoverse2": FormatEntry(
+        "Argoverse 2: annotations.feather, poses and cameras of each drive", _argoverse2
+    ),
+    "waymo": FormatEntry("Waymo: predictions as the message Objects, one file", _waymo),
+    "waymo-parquet": FormatEntry("Waymo v2: the components lidar_box and vehicle_pose", _waymo_parquet),
     "openlabel": FormatEntry("ASAM OpenLABEL 1.0: one JSON file a drive", _openlabel),
     "cvat": FormatEntry("CVAT 3D, its Kitti Raw Format 1.0: tracklet_labels.xml", _cvat),
     "supervisely": FormatEntry(

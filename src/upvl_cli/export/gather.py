@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from upvl_cli.errors import BadSetting, NotMade, UpvlError
+from upvl_cli.export.corrections import corrected, corrections_path, read_corrections, same_boxes
 from upvl_cli.export.drive import ExportBoxes, ExportDrive, Losses
 from upvl_cli.export.point_tables import PointTables
 from upvl_cli.pipeline.tables import Table
 from upvl_cli.pipeline.workspace import Workspace
+from upvl_cli.stages.correction_rows import DELETED
 from upvl_cli.stages.rows import LabelRow, OdometryRow, ScoredBoxRow
 from upvl_cli.types import Array, Bools, Drive, Frame, concat
 
-STAGE_OF = {"labels": "labels", "detections": "detect"}
-HOW_TO_MAKE = {"labels": "upvl autolabel", "detections": "upvl train, then: upvl detect"}
+STAGE_OF = {"labels": "labels", "corrected": "labels", "detections": "detect"}
+HOW_TO_MAKE = {
+    "labels": "upvl autolabel",
+    "corrected": "upvl autolabel",
+    "detections": "upvl train, then: upvl detect",
+}
 
 SelectBoxes = Callable[[ExportDrive], Bools]  # (n,) which boxes of a drive are taken
 
@@ -43,18 +50,22 @@ def drive_with_boxes(workspace: Workspace, segment: str, what: str, names: str) 
     Args:
         workspace: The workspace.
         segment: Name of the drive.
-        what: A key of `STAGE_OF`.
+        what: A key of `STAGE_OF`; "corrected" is the labels with hand corrections over them, where there are any.
         names: "class" or "word": which column of labels names the boxes; a detection has neither.
     """
-    if what == "labels":
-        labels = Table(workspace.shard("labels", segment), LabelRow)
-        boxes = concat([_boxes_of(row, _names_of(row, names)) for row in labels], ExportBoxes)
-    else:
+    drive = drive_geometry(workspace, segment)
+    if what == "detections":
         detections = Table(workspace.shard("detect", segment), ScoredBoxRow)
-        boxes = concat(
-            [_boxes_of(row, np.full(len(row.track_id), "unknown")) for row in detections], ExportBoxes
-        )
-    return drive_geometry(workspace, segment).with_boxes(boxes)
+        unnamed = [_boxes_of(row, np.full(len(row.track_id), "unknown")) for row in detections]
+        return drive.with_boxes(concat(unnamed, ExportBoxes))
+    rows = Table(workspace.shard("labels", segment), LabelRow)
+    labels = concat([_boxes_of(row, _names_of(row, names)) for row in rows], ExportBoxes)
+    if what == "labels" or not corrections_path(workspace, segment).is_file():
+        return drive.with_boxes(labels)
+    corrections = read_corrections(workspace, segment)
+    boxes, _ = corrected(labels, corrections)
+    deleted = labels[same_boxes(labels, corrections[corrections.change == DELETED])]
+    return replace(drive, boxes=boxes, deleted=deleted)
 
 
 def drive_geometry(workspace: Workspace, segment: str) -> ExportDrive:
@@ -80,8 +91,7 @@ def selected(drives: Iterable[ExportDrive], select: SelectBoxes, losses: Losses)
         losses["boxes without a track: each is written as a track of its own"] += len(alone)
         ids = boxes.track_id.copy()
         ids[alone] = ids.max(initial=-1) + 1 + np.arange(len(alone))
-        columns = {name: getattr(boxes, name) for name in boxes.__dataclass_fields__} | {"track_id": ids}
-        yield drive.with_boxes(ExportBoxes(**columns))
+        yield drive.with_boxes(replace(boxes, track_id=ids))
 
 
 def _source(workspace: Workspace, segment: str) -> Drive | None:

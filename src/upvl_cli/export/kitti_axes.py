@@ -23,7 +23,7 @@ _NO_PICTURE = (-1.0, -1.0, -1.0, -1.0)
 
 
 @dataclass(frozen=True)
-class KittiLabels:
+class KittiColumns:
     """Boxes as KITTI's columns have them.
 
     Attributes:
@@ -65,7 +65,7 @@ def camera_from_ego(camera: Camera | None) -> Array:
     return inverse(_FORWARD if camera is None else camera.ego_from_camera)
 
 
-def kitti_labels(boxes: Boxes, camera: Camera | None, losses: Losses) -> KittiLabels:
+def kitti_labels(boxes: Boxes, camera: Camera | None, losses: Losses) -> KittiColumns:
     """Return boxes in ego axes as KITTI's columns."""
     transform = camera_from_ego(camera)
     down = boxes.size_lwh_m[:, 2:] * np.array([0.0, 0.0, -0.5])
@@ -75,7 +75,7 @@ def kitti_labels(boxes: Boxes, camera: Camera | None, losses: Losses) -> KittiLa
     losses["boxes that the picture does not show: written without a rectangle"] += int(
         (rectangle[:, 0] < 0).sum()
     )
-    return KittiLabels(
+    return KittiColumns(
         truncated=truncated,
         alpha_rad=wrap_angle(rotation - np.arctan2(bottom[:, 0], bottom[:, 2])),
         xyxy_px=rectangle,

@@ -8,7 +8,7 @@ import numpy as np
 
 from upvl_cli.errors import BadInput
 from upvl_cli.export.drive import ExportBoxes
-from upvl_cli.export.kitti_axes import KittiLabels
+from upvl_cli.export.kitti_axes import KittiColumns
 from upvl_cli.export.text import floats_of, read_text
 from upvl_cli.types import Array
 
@@ -17,7 +17,7 @@ _OCCLUSION_UNKNOWN = "3"
 _NO_OBJECT = "DontCare"
 
 
-def label_lines(boxes: ExportBoxes, labels: KittiLabels) -> list[str]:
+def label_lines(boxes: ExportBoxes, labels: KittiColumns) -> list[str]:
     """Return the line of each box, with its score as the last column.
 
     Millionths: KITTI's own files have hundredths, which would move a box by 5 mm.

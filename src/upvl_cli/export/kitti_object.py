@@ -65,10 +65,10 @@ def read(folder: Path, drives: Mapping[str, ExportDrive]) -> dict[str, ExportBox
         ids = _ids(training / "track_ids" / f"{number}.txt", len(names), number)
         rows = boxes_of_labels(columns, transform)
         parts.setdefault(segment, []).append((rows, names, ids, score, frame))
-    return {segment: _joined(found) for segment, found in parts.items()}
+    return {segment: _boxes_of_parts(found) for segment, found in parts.items()}
 
 
-def _joined(parts: list[tuple[Array, list[str], list[str], Array, int]]) -> ExportBoxes:
+def _boxes_of_parts(parts: list[tuple[Array, list[str], list[str], Array, int]]) -> ExportBoxes:
     return boxes_of_rows(
         np.concatenate([rows for rows, *_ in parts]),
         class_name=np.array([name for _, names, *_ in parts for name in names], dtype=str),

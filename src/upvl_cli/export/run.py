@@ -7,8 +7,8 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,10 +16,8 @@ from upvl_cli.errors import BadInput, BadSetting, UpvlError, one_line
 from upvl_cli.export.classes import count_unknown, extended_class_map, renamed, upvl_names
 from upvl_cli.export.drive import ExportBoxes, ExportDrive, Losses
 from upvl_cli.export.format import ALL, ExportFormat, ExportOptions
-from upvl_cli.export.text import read_json
+from upvl_cli.export.manifest import MANIFEST, Manifest, exported_frames, read_manifest
 from upvl_cli.geometry.boxes import check_finite
-
-MANIFEST = "upvl.json"
 
 
 def export(
@@ -40,32 +38,30 @@ def export(
     """
     _check_target(folder)
     classes: dict[str, str] = {}
-    names: list[str] = []
+    frames: dict[str, dict[str, list[list[int]]]] = {}
 
     def in_words_of_the_format() -> Iterator[ExportDrive]:
         for drive in drives:
             check_finite(drive.boxes)
-            names.append(drive.name)
+            frames[drive.name] = exported_frames(drive)
             count_unknown(drive.boxes.class_name, fmt, losses)
             present = [str(name) for name in np.unique(drive.boxes.class_name)]
             classes.update(extended_class_map(classes, present, fmt))
             for reason in sorted(ALL - fmt.carries):
                 losses[f"{reason}, for which the format has no place"] += len(drive.boxes)
-            yield drive.with_boxes(_with_names(drive.boxes, renamed(drive.boxes.class_name, classes)))
+            named = replace(drive.boxes, class_name=renamed(drive.boxes.class_name, classes))
+            yield drive.with_boxes(named)
 
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         part = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
         try:
             fmt.write(in_words_of_the_format(), part, options, losses)
-            told = {reason: int(count) for reason, count in sorted(losses.items()) if count}
-            manifest = {
-                "format": fmt.name,
-                "classes": {native: name for name, native in sorted(classes.items())},
-                "drives": names,
-                "not_carried": told,
-            }
-            (part / MANIFEST).write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
+            not_carried = {reason: int(count) for reason, count in sorted(losses.items()) if count}
+            native = {native: name for name, native in sorted(classes.items())}
+            manifest = Manifest(fmt.name, options.names, native, dict(options.digests), frames, not_carried)
+            text = json.dumps(manifest.as_json(), indent=1) + "\n"
+            (part / MANIFEST).write_text(text, encoding="utf-8")
             part.chmod(0o755)
             _replace(part, folder)
         finally:
@@ -74,7 +70,7 @@ def export(
         raise UpvlError(
             f"cannot write {folder}: {error.strerror or one_line(error)}; make room or name another folder"
         ) from error
-    return told
+    return not_carried
 
 
 def read_back(fmt: ExportFormat, folder: Path, drives: Mapping[str, ExportDrive]) -> dict[str, ExportBoxes]:
@@ -93,12 +89,12 @@ def read_back(fmt: ExportFormat, folder: Path, drives: Mapping[str, ExportDrive]
         raise BadSetting(f"boxes in three dimensions do not come back from the format {fmt.name}")
     if not folder.exists():
         raise BadInput(f"{folder} is missing; name the folder that holds labels in the format {fmt.name}")
-    manifest = _manifest(folder, fmt)
-    words = upvl_names(fmt, manifest.get("classes", {}))
+    manifest = read_manifest(folder, fmt.name) if folder.is_dir() else Manifest.unknown()
+    words = upvl_names(fmt, manifest.classes)
     found = {}
     for name, boxes in fmt.read(folder, drives).items():
         _check_boxes(boxes, drives[name], folder)
-        boxes = _with_names(boxes, renamed(boxes.class_name, words))
+        boxes = replace(boxes, class_name=renamed(boxes.class_name, words))
         found[name] = boxes[np.argsort(boxes.frame, kind="stable")]
     if not found:
         known = ", ".join(list(drives)[:3])
@@ -122,22 +118,6 @@ def _check_boxes(boxes: ExportBoxes, drive: ExportDrive, folder: Path) -> None:
         raise BadInput(
             f"{folder}: frame {frame} of {drive.name} has two boxes of track {track}; expected one"
         )
-
-
-def _manifest(folder: Path, fmt: ExportFormat) -> dict[str, Any]:
-    path = folder / MANIFEST
-    manifest = read_json(path) if path.is_file() else {}
-    classes = manifest.get("classes", {}) if isinstance(manifest, dict) else None
-    if not isinstance(classes, dict) or not all(isinstance(name, str) for name in classes.values()):
-        raise BadInput(f"{path} is none of upvl; remove it")
-    if manifest.get("format", fmt.name) != fmt.name:
-        raise BadInput(f"{folder} is of the format {manifest['format']!r}, not {fmt.name!r}")
-    return manifest
-
-
-def _with_names(boxes: ExportBoxes, names: Any) -> ExportBoxes:
-    columns = {name: getattr(boxes, name) for name in boxes.__dataclass_fields__}
-    return ExportBoxes(**columns | {"class_name": names})
 
 
 def _check_target(folder: Path) -> None:

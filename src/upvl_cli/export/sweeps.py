@@ -40,7 +40,7 @@ def write_picture(drive: ExportDrive, frame: int, camera: Camera | None, path: P
     from PIL import Image
 
     path.parent.mkdir(parents=True, exist_ok=True)
-    Image.fromarray(np.asarray(image.rgb)).save(path)
+    Image.fromarray(np.asarray(image.rgb)).save(path, quality=95)  # of JPEG; PNG is exact
 
 
 def _points(drive: ExportDrive, frame: int) -> Floats | None:

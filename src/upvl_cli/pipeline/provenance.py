@@ -20,7 +20,7 @@ def to_json(stamp: Mapping[str, Any]) -> str:
 
 def difference(old: str, new: str) -> str:
     """Return in words which values differ between two stamps; remade inputs are named only where no value differs."""
-    before, after = _flat(old), _flat(new)
+    before, after = flatten(old), flatten(new)
     names = [name for name in sorted(before | after) if before.get(name) != after.get(name)]
     values = [name for name in names if name not in _CONTENTS and not name.startswith("inputs.")]
     changes = [f"{name} {before.get(name, 'none')} -> {after.get(name, 'none')}" for name in values]
@@ -33,8 +33,8 @@ def is_of_settings(changes: str) -> bool:
     return " -> " in changes and not any(name in changes for name in (".version ", ".content "))
 
 
-def _flat(stamp: str) -> dict[str, Any]:
-    """Return the values of a stamp by `stage.name`; none for a text that is no stamp."""
+def flatten(stamp: str) -> dict[str, Any]:
+    """Return the values of a stamp by `stage.name`, versions and digests too; none for a text that is no stamp."""
     flat: dict[str, Any] = {}
     try:
         for stage, maker in json.loads(stamp).items():

@@ -136,8 +136,13 @@ class _DigestedFile(io.RawIOBase):
 class Table(Generic[R]):
     """A shard opened for reading: `table[frame]` gives the row of that frame."""
 
-    def __init__(self, path: Path, row: type[R]) -> None:
+    def __init__(self, path: Path, row: type[R], held_groups: int = 0) -> None:
         """Open a shard.
+
+        Args:
+            path: The shard.
+            row: The row that its stage declares.
+            held_groups: Row groups that stay in memory at least, for one who reads frames in no order.
 
         Raises:
             NotMade: It is missing, is not a whole Parquet file, or has other columns.
@@ -161,7 +166,8 @@ class Table(Generic[R]):
         self._lock = threading.Lock()  # a Parquet file has one reading position
         self._held: OrderedDict[int, pa.Table] = OrderedDict()
         # As many consecutive frames are worked on at a time as there are threads, and one waits.
-        self._max_held = 1 + -(-(threads() + 1) * len(groups) // max(len(footer.frames), 1))
+        in_order = 1 + -(-(threads() + 1) * len(groups) // max(len(footer.frames), 1))
+        self._max_held = max(in_order, held_groups)
 
     @property
     def frames(self) -> tuple[int, ...]:

@@ -4,11 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
-from upvl_cli.query.index import Objects
-from upvl_cli.types import Bools
+from upvl_cli.types import Array, Bools
+
+
+class Filterable(Protocol):
+    """Boxes that can be filtered, for example the `Objects` of an index."""
+
+    def __len__(self) -> int: ...
+
+    @property
+    def speed_mps(self) -> Array:
+        """(n,) horizontal speed over the ground."""
+
+    @property
+    def range_m(self) -> Array:
+        """(n,) horizontal distance of the centre from the ego origin."""
+
+    @property
+    def time_s(self) -> Array:
+        """(n,) time since the first frame of the drive."""
+
+    @property
+    def confidence(self) -> Array:
+        """(n,) score of the box itself, 0 to 1."""
 
 
 @dataclass(frozen=True)
@@ -39,22 +61,24 @@ class Filters:
         """Return whether a drive is considered."""
         return not self.segments or segment in self.segments
 
-    def mask(self, objects: Objects, moving_mps: float) -> Bools:
+    def mask(self, objects: Filterable, moving_mps: float) -> Bools:
         """Return (n,) which boxes pass.
 
         Args:
             objects: n boxes.
             moving_mps: Minimum speed of a moving box.
         """
-        speed, passes = objects.speed_mps, np.ones(len(objects), dtype=np.bool_)
+        passes = np.ones(len(objects), dtype=np.bool_)
         if self.moving is not None:
-            passes &= (speed >= moving_mps) == self.moving
-        for values, minimum, maximum in (
-            (speed, self.min_speed_mps, self.max_speed_mps),
-            (objects.range_m, None, self.max_range_m),
-            (objects.time_s, self.from_s, self.to_s),
-            (objects.confidence, self.min_confidence, None),
+            passes &= (objects.speed_mps >= moving_mps) == self.moving
+        for name, minimum, maximum in (
+            ("speed_mps", self.min_speed_mps, self.max_speed_mps),
+            ("range_m", None, self.max_range_m),
+            ("time_s", self.from_s, self.to_s),
+            ("confidence", self.min_confidence, None),
         ):
-            passes &= True if minimum is None else values >= minimum
-            passes &= True if maximum is None else values <= maximum
+            if minimum is not None or maximum is not None:
+                values = getattr(objects, name)
+                passes &= True if minimum is None else values >= minimum
+                passes &= True if maximum is None else values <= maximum
         return passes

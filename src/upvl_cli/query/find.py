@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from upvl_cli.errors import BadInput
-from upvl_cli.perception.labels.look_votes import look_shares
 from upvl_cli.perception.visual.open_vocabulary import Basis
 from upvl_cli.pipeline.tables import Table
+from upvl_cli.query.candidates import Candidates, OpenTable, shares_of_looks, vote_at_once
 from upvl_cli.query.config import QueryConfig
 from upvl_cli.query.filters import Filters
 from upvl_cli.query.index import Objects, indexed_objects
+from upvl_cli.query.ranking import Ranking
 from upvl_cli.query.store import Store
 from upvl_cli.query.vocabulary import Vocabulary
-from upvl_cli.query.votes import NO_CLASS, LookShares, VoteResult, best_of_groups, ranking_score, vote
+from upvl_cli.query.votes import NO_CLASS, VoteResult, best_of_groups, vote
 from upvl_cli.runtime.parallel import in_order
 from upvl_cli.stages.rows import PointFeatureRow
 from upvl_cli.types import Array, Bools, Floats, Ints, ParallelArrays, array, concat
@@ -73,21 +74,27 @@ class QueryResult:
 
 
 @dataclass(frozen=True)
-class Candidates:
-    """The boxes of one drive that are to be classified.
+class WarmStore:
+    """What a process that answers many queries keeps open.
 
     Attributes:
-        segment: Name of the drive.
-        objects: All n boxes of the drive.
-        rows: (k,) which of them, ascending.
+        drives: The boxes of each drive.
+        tables: Gives the features of the points of a drive.
+        ranking: Ranks boxes, and keeps what the next query needs as well.
     """
 
-    segment: str
-    objects: Objects
-    rows: Ints
+    drives: Mapping[str, Objects]
+    tables: OpenTable
+    ranking: Ranking
 
 
-def find(store: Store, vocabulary: Vocabulary, filters: Filters, config: QueryConfig) -> QueryResult:
+def find(
+    store: Store,
+    vocabulary: Vocabulary,
+    filters: Filters,
+    config: QueryConfig,
+    warm: WarmStore | None = None,
+) -> QueryResult:
     """Return the boxes whose class is queried and whose score reaches the threshold, best first.
 
     Args:
@@ -95,14 +102,20 @@ def find(store: Store, vocabulary: Vocabulary, filters: Filters, config: QueryCo
         vocabulary: The queried words and the negatives.
         filters: Which boxes are considered.
         config: How they are classified, and the threshold.
+        warm: The boxes to search, where they are open already; None opens the index of the store.
 
     Raises:
         BadInput: No stored box has any feature.
     """
     counts: Counter[str] = Counter()
     parts = []
-    candidates = _candidates(store, vocabulary, filters, config, counts)
-    for chosen, votes in zip(candidates, _classify(store, vocabulary, candidates, config), strict=True):
+    if warm is None:
+        drives = dict(indexed_objects(store))
+        warm = WarmStore(drives, lambda segment: point_features(store, segment), Ranking(store.basis))
+    considered = _considered(store, warm, filters, config, counts)
+    candidates = _candidates(warm.ranking, vocabulary, considered, config, counts)
+    classified = _classify(store, vocabulary, candidates, config, warm.tables)
+    for chosen, votes in zip(candidates, classified, strict=True):
         objects = chosen.objects[chosen.rows]
         score = votes.share * objects.confidence
         is_queried = (votes.class_index != NO_CLASS) & (votes.class_index < len(vocabulary.class_names))
@@ -141,13 +154,13 @@ def _hits(segment: str, objects: Objects, votes: VoteResult, hit: Bools) -> Hits
     )
 
 
-def _candidates(
-    store: Store, vocabulary: Vocabulary, filters: Filters, config: QueryConfig, counts: Counter[str]
+def _considered(
+    store: Store, warm: WarmStore, filters: Filters, config: QueryConfig, counts: Counter[str]
 ) -> list[Candidates]:
-    """Return the boxes to classify, by drive; drives without any are left out, and `counts` grows by the rest."""
+    """Return the boxes with features that pass the filters, by drive; `counts` grows by the rest."""
     candidates: list[Candidates] = []
     featured = 0
-    for segment, objects in indexed_objects(store):
+    for segment, objects in warm.drives.items():
         counts["boxes"] += len(objects)
         # A box whose points no camera sees in this frame may be of a track that others show well.
         has_features = (objects.num_features > 0) | (_uses_looks(config) & (objects.num_looks > 0))
@@ -164,29 +177,33 @@ def _candidates(
             f"none of the {store.source} has a feature, for no picture was used; where they are of moving objects "
             "alone, run: upvl autolabel --all-motion; else the pictures were not found: run: upvl check"
         )
+    return candidates
+
+
+def _candidates(
+    ranking: Ranking,
+    vocabulary: Vocabulary,
+    candidates: list[Candidates],
+    config: QueryConfig,
+    counts: Counter[str],
+) -> list[Candidates]:
+    """Return the boxes to classify, by drive; drives without any are left out, and `counts` grows by the rest."""
     if config.search:
         total = sum(len(chosen.rows) for chosen in candidates)
-        candidates = _best_ranked(store, vocabulary, candidates, config)
+        candidates = _best_ranked(ranking, vocabulary, candidates, config)
         counts["not ranked high enough"] += total - sum(len(chosen.rows) for chosen in candidates)
     return [chosen for chosen in candidates if len(chosen.rows)]
 
 
 def _best_ranked(
-    store: Store, vocabulary: Vocabulary, candidates: Sequence[Candidates], config: QueryConfig
+    ranking: Ranking, vocabulary: Vocabulary, candidates: Sequence[Candidates], config: QueryConfig
 ) -> list[Candidates]:
     """Return the best box of each of the best tracks of all drives, ranked by mean feature or by their looks."""
 
     def ranked(chosen: Candidates) -> Floats:
-        objects = chosen.objects[chosen.rows]
-        cosines = store.basis.cosines(objects.pooled, vocabulary.vectors)
-        score = ranking_score(cosines, vocabulary.is_queried)
-        shown = np.flatnonzero(_uses_looks(config) & (objects.num_looks > 0))
-        if len(shown):
-            cosines = store.basis.cosines(objects.look_feature[shown], vocabulary.vectors)
-            of_looks = ranking_score(cosines, vocabulary.is_queried)
-            has_points = objects.num_features[shown] > 0
-            score[shown] = np.where(has_points, np.maximum(score[shown], of_looks), of_looks)
-        return score
+        return ranking.score(
+            chosen.segment, chosen.objects, chosen.rows, vocabulary, uses_looks=_uses_looks(config)
+        )
 
     if not candidates:
         return []
@@ -204,7 +221,11 @@ def _best_ranked(
 
 
 def _classify(
-    store: Store, vocabulary: Vocabulary, candidates: Sequence[Candidates], config: QueryConfig
+    store: Store,
+    vocabulary: Vocabulary,
+    candidates: Sequence[Candidates],
+    config: QueryConfig,
+    open_table: OpenTable,
 ) -> Iterator[VoteResult]:
     """Yield the classes of the boxes of each drive."""
     if config.by == "mean":
@@ -213,11 +234,14 @@ def _classify(
             total = len(chosen.rows)
             yield vote(cosines, np.arange(total), total, vocabulary.class_of_word)
         return
-    tables = in_order(lambda chosen: point_features(store, chosen.segment), candidates)
+    if config.search:
+        yield from vote_at_once(store, vocabulary, candidates, open_table)
+        return
+    tables = in_order(lambda chosen: open_table(chosen.segment), candidates)
     for table, chosen in zip(tables, candidates, strict=True):
         objects, done, frames = chosen.objects[chosen.rows], 0, []
         for boxes, box_of_point, cosines in cosines_by_frame(table, store.basis, vocabulary, objects):
-            looks = _look_shares(store, vocabulary, objects[done : done + boxes])
+            looks = shares_of_looks(store, vocabulary, objects[done : done + boxes])
             frames.append(vote(cosines, box_of_point, boxes, vocabulary.class_of_word, looks))
             done += boxes
         names = ("class_index", "word_index", "share", "cosine")
@@ -226,16 +250,6 @@ def _classify(
 
 def _uses_looks(config: QueryConfig) -> bool:
     return config.by == "vote"
-
-
-def _look_shares(store: Store, vocabulary: Vocabulary, objects: Objects) -> LookShares | None:
-    """Return what looks at the tracks of some boxes name; None where there are none."""
-    shown = objects.num_looks > 0
-    if not shown.any():
-        return None
-    cosines = store.basis.cosines(objects.look_feature, vocabulary.vectors)
-    share = look_shares(cosines, vocabulary.class_of_word, store.looks.temperature)
-    return LookShares(share * shown[:, None], cosines, shown, store.looks.weight)
 
 
 def point_features(store: Store, segment: str) -> Table[PointFeatureRow]:

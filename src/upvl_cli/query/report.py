@@ -97,8 +97,8 @@ def ambiguity_notes(vocabulary: Vocabulary, model: str) -> Iterator[str]:
         yield f"{note} (a stronger model can be named in vlm.toml)"
 
 
-def write_hits(path: Path, hits: Hits, vocabulary: Vocabulary) -> Path:
-    """Write all hits, best first, as Parquet with one row a box and one column a number; return the path."""
+def hits_as_table(hits: Hits, vocabulary: Vocabulary) -> pa.Table:
+    """Return all hits, best first, as a table with one row a box and one column a number."""
     classes, words = np.array(vocabulary.class_names, dtype=object), np.array(vocabulary.words, dtype=object)
     columns = {
         "segment": hits.segment,
@@ -118,9 +118,13 @@ def write_hits(path: Path, hits: Hits, vocabulary: Vocabulary) -> Path:
         "heading_rad": hits.heading_rad,
         **_split("velocity_{}_mps", "xyz", hits.velocity_mps),
     }
+    return pa.table({name: pa.array(values) for name, values in columns.items()})
+
+
+def write_hits(path: Path, hits: Hits, vocabulary: Vocabulary) -> Path:
+    """Write all hits as Parquet, as `hits_as_table` gives them; return the path."""
     with atomic_file(path) as file:
-        table = pa.table({name: pa.array(values) for name, values in columns.items()})
-        pq.write_table(table, file, compression="zstd")
+        pq.write_table(hits_as_table(hits, vocabulary), file, compression="zstd")
     return path
 
 

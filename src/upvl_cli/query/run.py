@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
@@ -15,11 +15,28 @@ from upvl_cli.query import report
 from upvl_cli.query.classes import Classes
 from upvl_cli.query.config import QueryConfig
 from upvl_cli.query.filters import Filters
-from upvl_cli.query.find import find
+from upvl_cli.query.find import QueryResult, find
 from upvl_cli.query.kinds import with_kinds
+from upvl_cli.query.near import near_hits
 from upvl_cli.query.store import STAGE_OF, Store, open_store
-from upvl_cli.query.vocabulary import build_vocabulary
+from upvl_cli.query.vocabulary import Vocabulary, build_vocabulary
 from upvl_cli.stages import classify
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+@dataclass(frozen=True)
+class Near:
+    """Other objects, and how far from one of them a hit may be in the same frame.
+
+    Attributes:
+        classes: The words of the other objects.
+        within_m: Largest gap between the footprints.
+    """
+
+    classes: Classes
+    within_m: float
 
 
 @dataclass(frozen=True)
@@ -34,6 +51,7 @@ class Request:
         sheet: Whether a picture of the best hits is drawn.
         check_spelling: Whether a word that is likely misspelt is refused.
         values: Settings that replace those of query.toml.
+        near: What a hit must be near; None for anything.
     """
 
     classes: Classes
@@ -43,32 +61,76 @@ class Request:
     sheet: bool
     check_spelling: bool
     values: Mapping[str, Any]
+    near: Near | None = None
 
 
-def query(workspace: Workspace, request: Request) -> Iterator[Table | str]:
-    """Answer a query; yield what is to be printed.
+@dataclass(frozen=True)
+class QueryAnswer:
+    """What a query found.
+
+    Attributes:
+        result: The hits, best first, and how many boxes had which fate.
+        vocabulary: Names the classes and words of the hits.
+        source: "labels" or "detections": what was searched.
+        config: The settings of the query.
+    """
+
+    result: QueryResult
+    vocabulary: Vocabulary
+    source: str
+    config: QueryConfig
+
+
+def answer(workspace: Workspace, request: Request) -> QueryAnswer:
+    """Return what a query finds; nothing is written.
 
     Raises:
         BadSetting: A word is likely misspelt or has no vector, or a drive is unknown.
         NotMade: There is nothing to search yet.
     """
     config = query_config(workspace, request.values)
-    classes = with_kinds(request.classes, workspace.settings(classify.STAGE))
-    vocabulary = build_vocabulary(workspace, classes, config, check_spelling=request.check_spelling)
+
+    def vocabulary_of(classes: Classes) -> Vocabulary:
+        kinds = with_kinds(classes, workspace.settings(classify.STAGE))
+        return build_vocabulary(workspace, kinds, config, check_spelling=request.check_spelling)
+
+    vocabulary = vocabulary_of(request.classes)
     store = open_store(workspace, request.source)
     check_segments(workspace, store, request.filters.segments)
     result = find(store, vocabulary, request.filters, config)
-    if len(result.hits):
-        yield report.hit_table(result.hits, vocabulary, config.top)
-    yield report.summary(result, store.source)
+    if request.near is not None:
+        everywhere = Filters(segments=request.filters.segments)
+        partners = find(store, vocabulary_of(request.near.classes), everywhere, config).hits
+        result = near_hits(result, partners, request.near.within_m)
+    return QueryAnswer(result, vocabulary, store.source, config)
+
+
+def query(workspace: Workspace, request: Request) -> Iterator[Table | str]:
+    """Answer a query, write its hits and draw the best; yield what is to be printed.
+
+    Raises:
+        BadSetting: A word is likely misspelt or has no vector, or a drive is unknown.
+        NotMade: There is nothing to search yet.
+    """
+    found = answer(workspace, request)
+    hits, vocabulary = found.result.hits, found.vocabulary
+    if len(hits):
+        yield report.hit_table(hits, vocabulary, found.config.top)
+    yield report.summary(found.result, found.source)
     yield from report.ambiguity_notes(vocabulary, workspace.model.name)
     stem = workspace.out / "query" / report.slug(request.name)
-    yield str(report.write_hits(stem.with_name(f"{stem.name}.parquet"), result.hits, vocabulary))
-    if request.sheet and len(result.hits):
+    yield str(report.write_hits(stem.with_name(f"{stem.name}.parquet"), hits, vocabulary))
+    if request.sheet and len(hits):
         from upvl_cli.query.sheet import draw_sheet
 
         path = stem.with_name(f"{stem.name}.png")
-        yield str(draw_sheet(workspace, result.hits, vocabulary, config.sheet_objects, path))
+        yield str(draw_sheet(workspace, hits, vocabulary, found.config.sheet_objects, path))
+
+
+def all_hits(workspace: Workspace, request: Request) -> pa.Table:
+    """Return all hits of a query, best first, with one row a box; errors as of `answer`."""
+    found = answer(workspace, request)
+    return report.hits_as_table(found.result.hits, found.vocabulary)
 
 
 def query_config(workspace: Workspace, values: Mapping[str, Any]) -> QueryConfig:

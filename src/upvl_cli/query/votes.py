@@ -92,17 +92,6 @@ def vote(
     )
 
 
-def ranking_score(cosines: Floats, is_queried: Bools) -> Floats:
-    """Return (n,) by how much the best queried word of each object beats its best negative.
-
-    Args:
-        cosines: (n, t) of the mean features.
-        is_queried: (t,) which words are queried; at least one. Where all are, the best cosine is the score.
-    """
-    best = cosines[:, is_queried].max(axis=1)
-    return np.asarray(best if is_queried.all() else best - cosines[:, ~is_queried].max(axis=1))
-
-
 def best_of_groups(score: Floats, group: Ints, limit: int) -> Ints:
     """Return the index of the best item of each group, best first.
 

@@ -32,7 +32,7 @@ def atomic_file(path: Path) -> Iterator[IO[bytes]]:
     Raises:
         UpvlError: The folder cannot be written or the disk is full.
     """
-    part = path.with_name(f".{path.name}.part")
+    part = _part_of(path)
     for place in (path, part):
         if place.is_dir() and not place.is_symlink():
             raise UpvlError(f"{place} is a folder where a file belongs; remove it")
@@ -52,6 +52,19 @@ def atomic_file(path: Path) -> Iterator[IO[bytes]]:
         ) from error
 
 
+@contextlib.contextmanager
+def atomic_path(path: Path) -> Iterator[Path]:
+    """Give the path of a file beside `path` that moves to `path` only when the block ends well.
+
+    For a library that opens its files itself; it must write into the file that is there, and not replace it.
+
+    Raises:
+        UpvlError: The folder cannot be written or the disk is full.
+    """
+    with atomic_file(path):
+        yield _part_of(path)
+
+
 def write_if_changed(path: Path, text: str) -> bool:
     """Write a small text file, atomically, only where it would differ; return whether it was written."""
     content = text.encode("utf-8", "surrogateescape")
@@ -61,6 +74,10 @@ def write_if_changed(path: Path, text: str) -> bool:
     with atomic_file(path) as file:
         file.write(content)
     return True
+
+
+def _part_of(path: Path) -> Path:
+    return path.with_name(f".{path.name}.part")
 
 
 @contextlib.contextmanager

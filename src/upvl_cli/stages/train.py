@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from upvl_cli.detector.config import TrainConfig
 from upvl_cli.pipeline.stage import Stage
+from upvl_cli.stages.correction_rows import corrected_boxes, corrections_table
 from upvl_cli.stages.picture_rows import ExtractVlRow, PcaRow
 from upvl_cli.stages.rows import AmodalRow, OdometryRow, TrainRow
 
@@ -86,9 +87,16 @@ def _frames(
         for name in segments:
             inputs.sweeps(name)
     group.wait()
+    corrected = {path.stem for path in config.files(inputs.segment)}.intersection(segments)
     frames = DriveFrames(
-        lengths, lambda name: _source(inputs, config, name), grid=grid, values=basis.dequantize, config=config
+        lengths,
+        lambda name: _source(inputs, config, name, is_corrected=name in corrected),
+        grid=grid,
+        values=basis.dequantize,
+        config=config,
+        corrected=corrected,
     )
+    inputs.count("drives with hand corrections", len(corrected))
     if not frames.train:
         raise BadSetting("train: held_out leaves no frame to learn from; lower it, or add drives")
     inputs.count("frames learned from", frames.train)
@@ -96,12 +104,15 @@ def _frames(
     return frames
 
 
-def _source(inputs: Inputs, config: TrainConfig, segment: str) -> Source:
+def _source(inputs: Inputs, config: TrainConfig, segment: str, *, is_corrected: bool) -> Source:
     """Return the frames of one drive."""
+    from pathlib import Path
+
     import numpy as np
 
     from upvl_cli.detector.data.frames import Source
     from upvl_cli.detector.data.sweeps import Trajectory, TwoSweeps
+    from upvl_cli.geometry.boxes import geometry_of
     from upvl_cli.perception.visual.views import SEEN
     from upvl_cli.types import Boxes, Floats, Ints
 
@@ -114,9 +125,13 @@ def _source(inputs: Inputs, config: TrainConfig, segment: str) -> Source:
         row = features[frame]
         return np.flatnonzero(row.state == SEEN), row.feature
 
+    corrections = corrections_table(Path(config.hand_corrections.folder), segment) if is_corrected else None
+
     def labels_of(frame: int) -> tuple[Boxes, Floats]:
-        row = labels[frame]
-        return row.boxes, row.velocity_mps
+        boxes = labels[frame].tracked_boxes
+        if corrections is not None:
+            boxes = corrected_boxes(labels[frame], corrections[frame])
+        return geometry_of(boxes), boxes.velocity_mps
 
     trajectory = Trajectory(
         np.array([pose.frame for pose in poses]),

@@ -10,7 +10,8 @@ from pathlib import Path
 from upvl_cli.datasets.shared.content import unreadable
 from upvl_cli.errors import BadInput
 
-_NUMBER = re.compile(r"[0-9]{1,18}")
+_NUMBER = re.compile(r"[0-9]{1,19}")
+_MAX_NUMBER = 2**62  # a time in nanoseconds since 1970 has 19 digits; twice as much still fits 64 bits
 _SHOWN = 3
 
 
@@ -33,7 +34,7 @@ def numbered_files(folder: Path, suffixes: Collection[str]) -> dict[int, Path]:
     files: dict[int, Path] = {}
     for name in names:
         stem, suffix = os.path.splitext(name)
-        if suffix.lower() in suffixes and _NUMBER.fullmatch(stem):
+        if suffix.lower() in suffixes and _NUMBER.fullmatch(stem) and int(stem) <= _MAX_NUMBER:
             number = int(stem)
             if number in files:
                 raise BadInput(

@@ -93,6 +93,11 @@ class Message:
         values = self._values(number, FIXED64)
         return float(struct.unpack("<d", values[-1])[0]) if values else 0.0  # type: ignore[arg-type]
 
+    def single(self, number: int) -> float:
+        """Return a number of 32 bits, the last where there are several."""
+        values = self._values(number, FIXED32)
+        return float(struct.unpack("<f", values[-1])[0]) if values else 0.0  # type: ignore[arg-type]
+
     def doubles(self, number: int) -> Array:
         """Return the numbers of 64 bits of a repeated field, packed or not."""
         parts = []

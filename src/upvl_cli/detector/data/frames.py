@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -47,6 +47,7 @@ class DriveFrames:
         grid: Grid,
         values: Callable[[Ints], Floats],
         config: TrainConfig,
+        corrected: Collection[str] = (),
     ) -> None:
         """Assign numbers to the frames; of each drive the end is held out, as neighbouring frames are too much alike.
 
@@ -56,12 +57,16 @@ class DriveFrames:
             grid: What the network sees.
             values: Returns the kept values of features.
             config: Share that is held out, random changes, sampling and seed.
+            corrected: Drives with hand corrections; their frames are drawn several times as often.
         """
         self._source = lru_cache(maxsize=_OPEN_DRIVES)(source)
         self._scene = lru_cache(maxsize=_SCENES)(self._read_scene)
         self._grid, self._values, self._config = grid, values, config
         end = {drive: length - round(config.held_out * length) for drive, length in lengths.items()}
-        train = [(drive, index) for drive in lengths for index in range(end[drive])]
+        times = {drive: config.hand_corrections.weight if drive in corrected else 1 for drive in lengths}
+        train = [
+            (drive, index) for drive in lengths for index in range(end[drive]) for _ in range(times[drive])
+        ]
         held_out = [(drive, index) for drive in lengths for index in range(end[drive], lengths[drive])]
         self._frames = train + held_out
         self.train, self.held_out = len(train), len(held_out)

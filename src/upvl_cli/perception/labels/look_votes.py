@@ -21,7 +21,10 @@ def look_shares(cosines: Floats, class_of_word: Ints, temperature: float) -> Flo
     classes, column = np.unique(class_of_word, return_inverse=True)
     odds = np.exp((cosines - cosines.max(axis=1, keepdims=True)).astype(np.float64) / temperature)
     best, total = np.zeros((len(odds), len(classes))), np.zeros((len(odds), len(classes)))
-    for number in range(len(classes)):
+    words = np.bincount(column, minlength=len(classes))
+    single = words[column] == 1
+    best[:, column[single]] = total[:, column[single]] = odds[:, single]
+    for number in np.flatnonzero(words > 1).tolist():
         own = odds[:, column == number]
         best[:, number], total[:, number] = own.max(axis=1), own.sum(axis=1)
     of_class = best / best.sum(axis=1, keepdims=True)

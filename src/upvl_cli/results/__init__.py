@@ -1,0 +1,1 @@
+"""What a workspace made, for scripts and notebooks."""
