@@ -72,7 +72,7 @@ def _layer_view(scene: DriveScene, layer: str | None) -> Any:
     return rrb.Spatial3DView(
         name=layer or "boxes",
         origin=entities.EGO,
-        contents=[f"+ {entities.WORLD}/**", *flat, *kept],
+        **_showing(f"+ {entities.WORLD}/**", *flat, *kept),
         overrides=overrides,
         background=colours.BACKGROUND,
         eye_controls=rrb.EyeControls3D(position=_EYE_M, look_target=_LOOK_M, eye_up=(0.0, 0.0, 1.0)),
@@ -83,13 +83,11 @@ def _map_view() -> Any:
     """Return the view from above in the world: boxes, past paths of the tracks, the way of the car."""
     import rerun.blueprint as rrb
 
+    shown = (entities.EGO_PATH, entities.TAILS, entities.BOXES, entities.HEADINGS, entities.CAR)
     return rrb.Spatial3DView(
         name="map",
         origin=entities.WORLD,
-        contents=[
-            f"+ {path}"
-            for path in (entities.EGO_PATH, entities.TAILS, entities.BOXES, entities.HEADINGS, entities.CAR)
-        ],
+        **_showing(*(f"+ {path}" for path in shown)),
         background=colours.BACKGROUND,
         eye_controls=rrb.EyeControls3D(
             position=(-1.0, 0.0, _MAP_EYE_M), look_target=(0.0, 0.0, 0.0), eye_up=(0.0, 0.0, 1.0),
@@ -107,7 +105,12 @@ def _camera_view(scene: DriveScene, camera: Camera) -> Any:
     return rrb.Spatial2DView(
         name=camera.name,
         origin=path,
-        contents=["+ $origin/**"],
+        **_showing("+ $origin/**"),
         overrides={f"{path}/names": rrb.EntityBehavior(visible=False)},
         visual_bounds=rrb.VisualBounds2D(x_range=(0.0, width), y_range=(0.0, height)),
     )
+
+
+def _showing(*query: str) -> dict[str, Any]:
+    """Return the argument of a view that names its entities: + adds and - leaves out."""
+    return {"contents": list(query)}

@@ -201,7 +201,7 @@ class DriveRecorder:
             for part in ("image", "boxes", "names"):
                 self._recording.log(f"{path}/{part}", rr.Clear(recursive=False))
             return
-        image = rr.EncodedImage(contents=picture.jpeg, media_type="image/jpeg")
+        image = rr.EncodedImage(media_type="image/jpeg", **{"contents": picture.jpeg})
         self._recording.log(f"{path}/image", image)
         if labels is None:
             return

@@ -9,9 +9,11 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from datetime import timedelta
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 from urllib.parse import quote
 
@@ -27,6 +29,8 @@ _FOOTER, _FOOTER_BYTES = b"RRF2FOOT", 64
 # The viewer sends anonymous statistics of its use to its makers, but where it runs in continuous integration. What is
 # looked at here is nobody else's business.
 _NO_STATISTICS = {"CI": "1"}
+# Frames in one chunk of a file: fewer chunks to list at its end, and some 15 % fewer bytes.
+_LARGE_CHUNKS = MappingProxyType({"flush_tick": timedelta(seconds=10), "flush_num_bytes": 4 * 2**20})
 _START_S = 30.0
 _MEMORY = "50%"  # of this machine, from where on the viewer drops its oldest frames
 
@@ -42,7 +46,7 @@ def saved_recording(path: Path) -> Iterator[Any]:
         BadSetting: The name is not that of a recording.
         UpvlError: The folder cannot be written or the disk is full.
     """
-    recording = new_recording()
+    recording = new_recording(_LARGE_CHUNKS)
     if path.suffix != ".rrd":
         raise BadSetting(
             f"{path} does not end in .rrd, by which the viewer knows its files; name it {path.stem or 'drive'}.rrd"
@@ -72,10 +76,15 @@ def has_display() -> bool:
     )
 
 
-def new_recording() -> Any:
-    """Return a recording without a sink; it has the time lines that are set, and no others."""
+def new_recording(chunks: Mapping[str, Any] = MappingProxyType({})) -> Any:
+    """Return a recording without a sink; it has the time lines that are set, and no others.
+
+    Args:
+        chunks: How much is put into a chunk before it goes out, as of `rerun.ChunkBatcherConfig`; without that what is
+            logged goes out at once.
+    """
     rr = rerun_library()
-    recording = rr.RecordingStream(APPLICATION)
+    recording = rr.RecordingStream(APPLICATION, batcher_config=rr.ChunkBatcherConfig(**chunks))
     recording.set_log_tick_enabled(False)
     recording.set_log_time_enabled(False)
     return recording
