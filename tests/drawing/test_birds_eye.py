@@ -59,12 +59,12 @@ def test_a_box_and_its_tail_can_have_another_colour_and_the_view_another_scale()
         np.array([[7, 0, 1, 4, 2, 1.5, 0]]), velocity_mps=np.zeros((1, 3)), score=np.ones(1), track_id=[3]
     )
     view = View(VIEW.x_min_m, VIEW.x_max_m, VIEW.y_min_m, VIEW.y_max_m, pixels_per_metre=5)
-    tails = {3: np.array([[0.0, 0.0], [5.0, 0.0]])}
+    tails = {3: np.array([[0.0, 3.0], [5.0, 3.0]])}
     drawn = np.asarray(
         birds_eye(view, np.zeros((0, 3)), np.zeros(0, int), box, tails, "", [BoxPaint((1, 2, 3), "")])
     )
     assert drawn.shape == (100, 80, 3)
     painted = np.argwhere((drawn == (1, 2, 3)).all(axis=2))
     assert painted[:, 0].min() == pytest.approx((15 - 9) * 5, abs=1)  # the nose, 9 m ahead
-    assert painted[:, 0].max() == pytest.approx(15 * 5, abs=1)  # the end of the tail, at the car
+    assert painted[:, 0].max() == pytest.approx(15 * 5, abs=1)  # the end of the tail, beside the car
     assert not (drawn == colours.track_colour(3)).all(axis=2).any()
