@@ -1,7 +1,7 @@
 """Time and size of `upvl report`: python bench/report.py WORKSPACE [--drives 5 50].
 
 Takes the first labelled drive of a workspace and repeats it under other names: with the built-in drive of 40 frames,
-five drives are the 200 frames of the bar and fifty show that the page stays small. Prints the seconds of CPU and those
+five drives are the 200 frames of the bar, and fifty show that the page stays small. Prints the seconds of CPU and those
 that passed (they differ on a busy machine), and the size of the page; exits 1 where a bar is missed.
 """
 

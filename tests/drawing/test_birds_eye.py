@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from upvl_cli.drawing import colours
-from upvl_cli.drawing.birds_eye import PIXELS_PER_METRE, View, birds_eye
+from upvl_cli.drawing.birds_eye import PIXELS_PER_METRE, BoxPaint, View, birds_eye
 from upvl_cli.types import TrackedBoxes, empty
 
 VIEW = View(x_min_m=-5.0, x_max_m=15.0, y_min_m=-8.0, y_max_m=8.0)
@@ -51,3 +52,19 @@ def test_neighbouring_tracks_have_colours_that_differ() -> None:
     shades = np.array([colours.track_colour(number) for number in range(6)], dtype=float)
     apart = np.linalg.norm(shades[:, None] - shades, axis=2)[~np.eye(6, dtype=bool)]
     assert apart.min() > 50
+
+
+def test_a_box_and_its_tail_can_have_another_colour_and_the_view_another_scale() -> None:
+    box = TrackedBoxes.from_rows(
+        np.array([[7, 0, 1, 4, 2, 1.5, 0]]), velocity_mps=np.zeros((1, 3)), score=np.ones(1), track_id=[3]
+    )
+    view = View(VIEW.x_min_m, VIEW.x_max_m, VIEW.y_min_m, VIEW.y_max_m, pixels_per_metre=5)
+    tails = {3: np.array([[0.0, 3.0], [5.0, 3.0]])}
+    drawn = np.asarray(
+        birds_eye(view, np.zeros((0, 3)), np.zeros(0, int), box, tails, "", [BoxPaint((1, 2, 3), "")])
+    )
+    assert drawn.shape == (100, 80, 3)
+    painted = np.argwhere((drawn == (1, 2, 3)).all(axis=2))
+    assert painted[:, 0].min() == pytest.approx((15 - 9) * 5, abs=1)  # the nose, 9 m ahead
+    assert painted[:, 0].max() == pytest.approx(15 * 5, abs=1)  # the end of the tail, beside the car
+    assert not (drawn == colours.track_colour(3)).all(axis=2).any()

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from upvl_cli.drawing import colours
+from upvl_cli.drawing.birds_eye import BoxPaint
 from upvl_cli.drawing.camera_view import camera_view
 from upvl_cli.types import Camera, TrackedBoxes
 
@@ -56,3 +57,15 @@ def test_a_line_that_leads_far_aside_is_not_walked_along() -> None:
     camera = replace(CAMERA, intrinsic=np.array([[1e6, 0, 600], [0, 1e6, 200], [0, 0, 1]]))
     boxes = tracked([5.0, 0, 0, 8, 9_000, 2, 0])
     np.testing.assert_array_equal(np.asarray(camera_view(GREY, camera, boxes)), GREY)
+
+
+def test_colours_and_width_can_be_chosen() -> None:
+    red, lime = (255, 0, 0), (0, 255, 0)
+    boxes = tracked(
+        [12, 2, 0, 4, 1, 2, 0], [8, -2, 0, 4, 1, 2, 0]
+    )  # the nearer one is drawn last, and stays lime
+    picture = camera_view(GREY, CAMERA, boxes, [BoxPaint(red, ""), BoxPaint(lime, "")], width_px=600)
+    assert picture.size == (600, 200)
+    pixels = np.asarray(picture)
+    columns = {colour: np.argwhere((pixels == colour).all(axis=2))[:, 1] for colour in (red, lime)}
+    assert columns[red].max() < 300 < columns[lime].min()  # left and right of the middle
