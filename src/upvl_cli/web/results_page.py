@@ -15,7 +15,7 @@ from upvl_cli.web.box_votes import WordVote, votes_of_box
 from upvl_cli.web.catalog import Catalog, Catalogs
 from upvl_cli.web.charts import histogram
 from upvl_cli.web.parameters import CANDIDATES, CLASSES, MOTIONS, PER_PAGE, RELATIONS, Asked, encode
-from upvl_cli.web.search import SourcedAnswer
+from upvl_cli.web.search import SearchResult
 
 MOST_DRIVES = 500  # of the list to choose from
 SCORE_NAMES = {
@@ -82,7 +82,7 @@ def is_narrowed(asked: Asked) -> bool:
     return plain != type(question)() or bool(question.segments)
 
 
-def results(found: SourcedAnswer, asked: Asked) -> dict[str, Any]:
+def results(found: SearchResult, asked: Asked) -> dict[str, Any]:
     """Return what the page shows of an answer.
 
     Args:
@@ -125,7 +125,7 @@ def version(catalog: Catalog) -> str:
     return hashlib.sha256(catalog.digest.encode()).hexdigest()[:12]
 
 
-def _card(found: SourcedAnswer, asked: Asked, place: int) -> Card:
+def _card(found: SearchResult, asked: Asked, place: int) -> Card:
     answer, catalog, hits = found.answer, found.catalog, found.answer.hits
     segment, frame, box = str(hits.segment[place]), int(hits.frame[place]), int(hits.box[place])
     return Card(

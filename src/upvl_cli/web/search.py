@@ -32,7 +32,7 @@ _MOST_BROWSED = 20_000  # tracks of an answer without words: more than anybody p
 
 
 @dataclass(frozen=True)
-class SourcedAnswer:
+class SearchResult:
     """An answer, and what it was looked for in."""
 
     catalog: Catalog
@@ -55,7 +55,7 @@ class Search:
         catalog = self.catalogs.get(question.source)
         return ("answer", catalog.source, catalog.digest, question)
 
-    def ask(self, question: Question) -> SourcedAnswer:
+    def ask(self, question: Question) -> SearchResult:
         """Return the answer.
 
         Raises:
@@ -64,9 +64,7 @@ class Search:
         """
         catalog = self.catalogs.get(question.source)
         key = (catalog.source, catalog.digest, question)
-        return SourcedAnswer(
-            catalog, self._answers.get_or_make(key, lambda: self._compute(catalog, question))
-        )
+        return SearchResult(catalog, self._answers.get_or_make(key, lambda: self._compute(catalog, question)))
 
     def _compute(self, catalog: Catalog, question: Question) -> Answer:
         for name in question.segments:

@@ -28,7 +28,7 @@ from upvl_cli.web.pictures import Picture, Pictures
 from upvl_cli.web.raw_drives import NoRawData, RawDrives
 from upvl_cli.web.results_page import form, results
 from upvl_cli.web.scene import boxes_of_frame, packed_points
-from upvl_cli.web.search import Search, SourcedAnswer
+from upvl_cli.web.search import Search, SearchResult
 
 Result = TypeVar("Result")
 STATIC = {
@@ -98,7 +98,7 @@ class Site:
     async def _run(self, key: Hashable, function: Callable[[], Result]) -> Result:
         return await self._jobs.run(key, function)
 
-    async def _ask(self, question: Question) -> SourcedAnswer:
+    async def _ask(self, question: Question) -> SearchResult:
         return await self._run(("ask", question), lambda: self._search.ask(question))
 
     def _page(self, template: str, status: int = 200, **values: Any) -> HTMLResponse:
@@ -134,7 +134,7 @@ class Site:
             formats=list(EXPORTS),
         )
 
-    def _results_page(self, found: SourcedAnswer, asked: Asked) -> Response:
+    def _results_page(self, found: SearchResult, asked: Asked) -> Response:
         shown = form(self._search.catalogs, found.catalog, asked)
         return self._page(
             "search.html", form=shown, results=results(found, asked), message="", formats=list(EXPORTS)
