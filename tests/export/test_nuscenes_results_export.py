@@ -143,6 +143,16 @@ def test_a_word_is_written_as_the_class_that_it_is_a_kind_of(
     assert sorted(back.class_name.tolist()) == sorted(names.tolist())
 
 
+def test_more_boxes_than_the_devkit_takes_are_told(tmp_path: Path) -> None:
+    drive = labelled_drive(frames=1)
+    for many in (500, 501):
+        boxes = drive.boxes[np.zeros(many, dtype=int)]
+        columns = {name: getattr(boxes, name) for name in boxes.__dataclass_fields__}
+        crowd = drive.with_boxes(ExportBoxes(**columns | {"track_id": np.arange(many)}))
+        lost = write(tmp_path / str(many), crowd)
+        assert lost.get("samples with more than 500 boxes, which the devkit refuses", 0) == many - 500
+
+
 def test_a_frame_without_boxes_is_a_sample(tmp_path: Path) -> None:
     drive = labelled_drive()
     drive = drive.with_boxes(drive.boxes[drive.boxes.frame != drive.frames[2].index])

@@ -121,6 +121,22 @@ def test_boxes_of_which_little_is_known(tmp_path: Path) -> None:
         write(tmp_path / name, name, drive.with_boxes(ExportBoxes(**columns)))
         back = read_back(fmt, tmp_path / name, {"bend-1": drive})["bend-1"]
         assert np.isnan(back.velocity_mps).all() and (back.num_points == -1).all()
+    table = pq.read_table(tmp_path / "waymo-parquet" / "lidar_box" / "bend-1.parquet")
+    for column in ("num_lidar_points_in_box", "speed.x", "speed.z"):  # empty cells, as Waymo has them
+        assert table[f"{BOX}{column}"].null_count == len(drive.boxes)
+
+
+def test_a_class_that_is_no_text_is_refused(tmp_path: Path) -> None:
+    drive = labelled_drive()
+    write(tmp_path / "out", "waymo-parquet", drive)
+    path = tmp_path / "out" / "lidar_box" / "bend-1.parquet"
+    table = pq.read_table(path)
+    damaged = pa.array([b"C\xf9clist"] * 30).view(pa.string())
+    pq.write_table(
+        table.set_column(table.column_names.index("upvl.class_name"), "upvl.class_name", damaged), path
+    )
+    with pytest.raises(BadInput, match="column upvl.class_name cannot be read"):
+        read_back(COMPONENTS, tmp_path / "out", {"bend-1": drive})
 
 
 @pytest.mark.parametrize("name", ["waymo", "waymo-parquet"])

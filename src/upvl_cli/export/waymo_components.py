@@ -109,7 +109,8 @@ def _read_boxes(path: Path, drive: ExportDrive) -> ExportBoxes:
     frame = frames_at_us(drive, arrow.values(table, TIME, "int64", path), path)
     poses = drive.world_from_ego[drive.places_of(frame)]
     types = class_names(arrow.values(table, _TYPE, "int64", path))
-    own = table[_CLASS].to_pylist() if _CLASS in table.column_names else [None] * len(table)
+    with arrow.arrow_errors(f"{path}, column {_CLASS}"):
+        own = table[_CLASS].to_pylist() if _CLASS in table.column_names else [None] * len(table)
     velocity = np.column_stack([numbers(name, np.nan) for name in _SPEED])
     return boxes_of_rows(
         np.column_stack([arrow.values(table, name, "float64", path) for name in _BOX]),
