@@ -36,6 +36,16 @@ def test_untouched_labels_are_kept() -> None:
     assert (len(found.corrections), found.kept) == (0, 15)
 
 
+def test_what_a_tool_rounds_is_kept_and_what_is_moved_is_not() -> None:
+    """Two decimals, as datumaro keeps them; half a step in the heading is 0.3 degrees."""
+    rounded = LABELS.to_rows().round(2)
+    back = edited(center_m=rounded[:, :3], size_lwh_m=rounded[:, 3:6], heading_rad=rounded[:, 6])
+    assert differences(LABELS, back, ALL).kept < 15
+    assert differences(LABELS, back, ALL, tool_step=0.01).kept == 15
+    back.center_m[at(5, 2)] += 0.02
+    assert changes(differences(LABELS, back, ALL, tool_step=0.01).corrections) == [(5, 2, "moved")]
+
+
 @pytest.mark.parametrize(
     ("column", "value"),
     [("center_m", [0.02, 0.0, 0.0]), ("size_lwh_m", [0.0, 0.02, 0.0]), ("heading_rad", 0.01)],

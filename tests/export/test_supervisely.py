@@ -64,6 +64,19 @@ def test_the_library_of_cvat_reads_it(tmp_path: Path) -> None:
     assert cuboid.attributes["track_id"] == 12 and cuboid.attributes["score"] == 0.75
 
 
+def test_what_the_library_of_cvat_writes_again_is_read(tmp_path: Path) -> None:
+    dm = pytest.importorskip("datumaro", reason="pip install datumaro, in an environment of its own")
+    drive = labelled_drive()
+    write(drive, "supervisely", tmp_path / "out")
+    dataset = dm.Dataset.import_from(str(tmp_path / "out" / "bend-1"), "sly_pointcloud")
+    dataset.export(str(tmp_path / "back" / "bend-1"), "sly_pointcloud", allow_undeclared_attrs=True)
+    boxes = read("supervisely", tmp_path / "back", drive)
+    boxes = boxes[np.lexsort([boxes.track_id, boxes.frame])]
+    assert boxes.track_id.tolist() == drive.boxes.track_id.tolist()
+    np.testing.assert_allclose(boxes.to_rows(), drive.boxes.to_rows(), atol=0.00501)  # two decimals
+    np.testing.assert_allclose(boxes.score, drive.boxes.score)
+
+
 def returned(folder: Path, **tags: Any) -> Path:
     """What CVAT exports: keys and numbers of its own, values as text, a name of its own for a new object."""
     write(drive_of_one_car(), "supervisely", folder)

@@ -185,4 +185,5 @@ def _number(element: ElementTree.Element, tag: str, where: str) -> float:
     return JsonValue(text, f"{where}, {tag}").number()
 
 
-FORMAT = ExportFormat("cvat", write, read)
+CVAT_STEP = 0.01  # datumaro, which CVAT reads and writes with, keeps two decimals of every number of a cuboid
+FORMAT = ExportFormat("cvat", write, read, tool_step=CVAT_STEP)

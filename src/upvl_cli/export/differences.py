@@ -16,6 +16,7 @@ from upvl_cli.types import Array, Bools, Ints, concat
 
 # Formats round to a millimetre at worst, and tools to a hundredth of a degree.
 _SAME_M, _SAME_RAD = 0.005, np.deg2rad(0.05)
+_ROUNDING = 1e-6  # spare room for the last digits of half a step
 _MAX_MOVE_M = 10.0  # a box of the same id further away is another object: some tools number anew
 _MAX_DRIFT_M = 2.0  # boxes of other ids are one object up to here: half a lane
 
@@ -33,7 +34,9 @@ class Differences:
     kept: int
 
 
-def differences(labels: ExportBoxes, edited: ExportBoxes, went_out: Bools) -> Differences:
+def differences(
+    labels: ExportBoxes, edited: ExportBoxes, went_out: Bools, tool_step: float = 0.0
+) -> Differences:
     """Return what a person changed in the labels of a drive.
 
     A box is that of a label if it has its frame and track, or else if the two are nearest to each other. A box that
@@ -43,12 +46,13 @@ def differences(labels: ExportBoxes, edited: ExportBoxes, went_out: Bools) -> Di
         labels: The n auto labels.
         edited: The boxes that came back; NaN velocities are unknown.
         went_out: (n,) which labels the person was given; of the others nothing is known.
+        tool_step: As of `ExportFormat`: what rounding alone can have changed counts as kept.
     """
     outgoing = labels[went_out]
     of_label = _matches(outgoing, edited)
     matched = of_label >= 0
     before, after = outgoing[of_label[matched]], edited[matched]
-    has_moved, has_name = _has_moved(before, after), before.class_name != after.class_name
+    has_moved, has_name = _has_moved(before, after, tool_step), before.class_name != after.class_name
     changed = has_moved | has_name
     after = replace(after, track_id=before.track_id, velocity_mps=before.velocity_mps)
     change = np.where(has_moved, MOVED, RENAMED)
@@ -89,12 +93,14 @@ def _by_frame(labels: ExportBoxes, edited: ExportBoxes) -> Iterator[tuple[Ints, 
         yield np.flatnonzero(labels.frame == frame), np.flatnonzero(edited.frame == frame)
 
 
-def _has_moved(before: ExportBoxes, after: ExportBoxes) -> Bools:
+def _has_moved(before: ExportBoxes, after: ExportBoxes, tool_step: float) -> Bools:
     """Return (n,) whether a box has another place, size or heading."""
     shift = np.abs(after.center_m - before.center_m).max(axis=1, initial=0.0)
     growth = np.abs(after.size_lwh_m - before.size_lwh_m).max(axis=1, initial=0.0)
     turn = np.abs(wrap_angle(after.heading_rad - before.heading_rad))
-    return np.asarray((shift > _SAME_M) | (growth > _SAME_M) | (turn > _SAME_RAD))
+    rounded = tool_step / 2 + _ROUNDING
+    same_m, same_rad = max(_SAME_M, rounded), max(_SAME_RAD, rounded)
+    return np.asarray((shift > same_m) | (growth > same_m) | (turn > same_rad))
 
 
 def _new_tracks(

@@ -66,6 +66,8 @@ class ExportFormat:
         carries: What of `ALL` comes back.
         classes: Class of the format by class of upvl; any other class keeps its own name.
         fixed_classes: Whether tools of this format know the classes in `classes` alone.
+        tool_step: What its tools round places and sizes (m) and headings (rad) to, where that is more than the
+            import takes for untouched anyway; 0 for nothing.
     """
 
     name: str
@@ -74,3 +76,4 @@ class ExportFormat:
     carries: frozenset[str] = ALL
     classes: Mapping[str, str] = field(default_factory=dict)
     fixed_classes: bool = False
+    tool_step: float = 0.0

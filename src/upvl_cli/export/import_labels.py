@@ -76,7 +76,7 @@ def import_labels(
     found = read_back(fmt, folder, drives)
     results = []
     for name, edited in found.items():
-        corrections, kept, note = _compare(drives[name], edited, manifest)
+        corrections, kept, note = _compare(drives[name], edited, manifest, fmt.tool_step)
         earlier = _earlier(workspace, drives[name], manifest)
         results.append((name, concat([earlier, corrections], Corrections), kept, note))
     for name, corrections, kept, note in results:
@@ -93,10 +93,12 @@ def _earlier(workspace: Workspace, drive: ExportDrive, manifest: Manifest) -> Co
     return earlier[~manifest.went_out(drive.with_boxes(earlier))]
 
 
-def _compare(drive: ExportDrive, edited: ExportBoxes, manifest: Manifest) -> tuple[Corrections, int, str]:
+def _compare(
+    drive: ExportDrive, edited: ExportBoxes, manifest: Manifest, tool_step: float
+) -> tuple[Corrections, int, str]:
     """Return what was changed in a drive, the number of labels that were kept, and a note."""
     went_out = manifest.went_out(drive)
-    found = differences(drive.boxes, edited, went_out)
+    found = differences(drive.boxes, edited, went_out, tool_step)
     emptied = np.setdiff1d(drive.boxes.frame[went_out], edited.frame)
     notes = []
     if drive.name not in manifest.digests:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from upvl_cli.errors import BadInput
+from upvl_cli.export.cvat import CVAT_STEP
 from upvl_cli.export.drive import ExportBoxes, ExportDrive, Losses
 from upvl_cli.export.format import ExportFormat, ExportOptions
 from upvl_cli.export.json_value import JsonValue
@@ -181,4 +182,4 @@ def _add(found: FoundBoxes, figure: JsonValue, frame: int, described: JsonValue,
     found.add(frame, track, described.member("classTitle").text(), [*center, *size, angles[2]], numbers)
 
 
-FORMAT = ExportFormat("supervisely", write, read)
+FORMAT = ExportFormat("supervisely", write, read, tool_step=CVAT_STEP)
