@@ -65,7 +65,6 @@ def in_child(asked: argparse.Namespace, what: str, frames: int) -> dict[str, flo
 
 def measure(asked: argparse.Namespace) -> dict[str, float | str]:
     """Record the drive once, as the command does."""
-    from upvl_cli.commands.drive_notes import sensor_markdown, summary_markdown
     from upvl_cli.commands.pipeline import PIPELINE
     from upvl_cli.pipeline.workspace import Workspace
     from upvl_cli.viewer.recorder import record
@@ -77,15 +76,17 @@ def measure(asked: argparse.Namespace) -> dict[str, float | str]:
     scene = DriveScene(workspace, segment, ViewOptions())
     found: dict[str, float | str] = {"segment": segment, "drive_frames": len(scene.frames)}
     scene.frames = list(islice(cycle(scene.frames), asked.frames))
-    texts = {
-        "summary": lambda: summary_markdown(workspace, segment),
-        "sensors": lambda: sensor_markdown(workspace, segment),
-    }
     if asked.child == "web":
         with web_viewer() as viewer:
             scene.frames = scene.frames[:4]  # a few are on their way with the first
             record(viewer.recording, scene, {}, first_tick(viewer.recording.flush, asked.started, found))
         return found
+    from upvl_cli.commands.drive_notes import sensor_markdown, summary_markdown
+
+    texts = {
+        "summary": lambda: summary_markdown(workspace, segment),
+        "sensors": lambda: sensor_markdown(workspace, segment),
+    }
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "drive.rrd"
         with saved_recording(path) as recording:

@@ -145,15 +145,21 @@ def _notes(scene: DriveScene) -> Iterator[str]:
 
 
 def _record(recording: object, workspace: Workspace, scene: DriveScene) -> None:
-    from upvl_cli.commands.drive_notes import sensor_markdown, summary_markdown
     from upvl_cli.viewer.recorder import record
 
-    texts = {
-        "summary": lambda: summary_markdown(workspace, scene.segment),
-        "sensors": lambda: sensor_markdown(workspace, scene.segment),
-    }
+    # What the texts need loads for a second: after the frames.
+    def summary() -> str:
+        from upvl_cli.commands.drive_notes import summary_markdown
+
+        return summary_markdown(workspace, scene.segment)
+
+    def sensors() -> str:
+        from upvl_cli.commands.drive_notes import sensor_markdown
+
+        return sensor_markdown(workspace, scene.segment)
+
     with _progress(len(scene.frames)) as tick:
-        record(recording, scene, texts, tick)
+        record(recording, scene, {"summary": summary, "sensors": sensors}, tick)
 
 
 @contextmanager
