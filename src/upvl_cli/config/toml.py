@@ -8,7 +8,6 @@ import reprlib
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, fields
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
@@ -85,8 +84,17 @@ def read_toml(path: Path) -> dict[str, object]:
         raise BadSetting(f"{path} cannot be read: {error.strerror}") from None
 
 
-@cache
+_models: dict[type[Config], type[BaseModel]] = {}
+
+
 def _model_of(config: type[Config]) -> type[BaseModel]:
+    """Return the pydantic model of the settings, built once: that takes a hundredth of a second."""
+    if config not in _models:
+        _models[config] = _build_model(config)
+    return _models[config]
+
+
+def _build_model(config: type[Config]) -> type[BaseModel]:
     """Return the pydantic model that checks the settings: strict types, bounds of each item, no unknown keys."""
     from pydantic import ConfigDict, Field, create_model
 
