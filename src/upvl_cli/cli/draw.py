@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Annotated
 
 import typer
@@ -68,9 +69,14 @@ def draw(
 
 
 def _animate(workspace: Workspace, segment: str, kind: str) -> None:
-    from upvl_cli.commands.animate import animate_drive
+    from rich.console import Console
+    from rich.progress import Progress
 
-    drawn = animate_drive(workspace, segment, kind)
+    from upvl_cli.commands.animate import animate_drive, num_drawn
+
+    with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress:
+        task = progress.add_task(f"drawing {segment}", total=num_drawn(workspace, segment))
+        drawn = animate_drive(workspace, segment, kind, lambda: progress.advance(task))
     thinned = "" if drawn.shown == drawn.frames else f", {drawn.shown} of {drawn.frames} frames"
     print(f"{drawn.path} ({drawn.size_bytes / 1e6:.1f} MB{thinned})")
 

@@ -31,10 +31,15 @@ def report(
     ] = None,
 ) -> None:
     """Write one HTML page about the labels, which opens without network: counts, maps, pictures, time, settings."""
+    from rich.console import Console
+
     from upvl_cli.report.run import write_report
 
     workspace: Workspace = context.obj
-    written = write_report(workspace, segment or (), to or workspace.out / "report.html", against)
+    with Console(stderr=True).status(
+        "gathering counts, maps and pictures"
+    ):  # quiet where there is no terminal
+        written = write_report(workspace, segment or (), to or workspace.out / "report.html", against)
     for note in written.notes:
         print(note)
     print(f"{written.path} ({written.size_bytes / 1e6:.1f} MB)")

@@ -75,6 +75,15 @@ def animate_drive(
     return Animation(path, path.stat().st_size, len(frames), len(labels.frames))
 
 
+def num_drawn(workspace: Workspace, segment: str) -> int:
+    """Return how many frames an animation of a drive shows.
+
+    Raises:
+        NotMade: The drive has not been labelled.
+    """
+    return len(thin(workspace.table("nms", AmodalRow, segment).frames))
+
+
 def thin(frames: tuple[int, ...]) -> tuple[int, ...]:
     """Return every n-th frame, so that no more than `MOST_FRAMES` remain."""
     return frames[:: -(-len(frames) // MOST_FRAMES)] if frames else ()
