@@ -193,6 +193,7 @@ def test_a_drive_that_cannot_be_read_any_more_still_has_its_labels(tmp_path: Pat
     text = read(written.path).text
     assert "boxes 24" in text
     assert any(note.startswith("missing: verdict") for note in written.notes)
+    assert "/nowhere/at" not in written.path.read_text()
     assert any(note.startswith(f"missing: pictures of {SEGMENT}") for note in written.notes)
 
 

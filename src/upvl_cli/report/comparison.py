@@ -18,10 +18,10 @@ from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.report.drive_labels import DriveLabels, read_labels
 from upvl_cli.types import Array, Ints, TrackedBoxes
 
-KEPT_IOU = (
-    0.7  # the 3D IoU that benchmarks of vehicles ask for: below it a box stands elsewhere or has another size
-)
-NEAR_M = 1.0  # small boxes that moved by their own width overlap no more, and are matched by their centres
+# The 3D IoU that benchmarks of vehicles ask for: below it a box stands elsewhere or has another size.
+KEPT_IOU = 0.7
+# Small boxes that moved by their own width overlap no more, and are matched by their centres.
+NEAR_M = 1.0
 
 
 @dataclass(frozen=True)

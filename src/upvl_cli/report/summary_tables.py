@@ -104,7 +104,6 @@ def distributions(
         histogram("Tracks by height", "height of the box (m)", tracks.size_lwh_m[:, 2], kinds),
         histogram("Tracks by score", "score, 0 to 1", tracks.score, kinds),
         histogram("Tracks by duration", "time from the first box to the last (s)", tracks.duration_s, kinds),
-        histogram("Tracks by number of boxes", "frames with a box", tracks.num_boxes, kinds),
     ]
     return [item for item in rankings if item], [item for item in histograms if item]
 
