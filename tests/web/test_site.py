@@ -96,6 +96,25 @@ def test_a_relation_says_what_it_found(site: TestClient) -> None:
     assert "1.0 m from track 7" in text  # 3 m apart, 2 m wide both
 
 
+def test_a_relation_shows_its_best_moment(tmp_path: Path) -> None:
+    """The pedestrian comes nearer to the bus until the third frame, and goes away again."""
+    walk = [
+        Thing({"pedestrian": 6}, x_m=10, y_m=y, track=1, frames=(n,)) for n, y in enumerate((6, 5, 3.5, 4))
+    ]
+    drives = [*walk, Thing({"bus": 9}, x_m=10, track=2, frames=(0, 1, 2, 3))]
+    drives += [
+        Thing({"car": 9}, x_m=30, speed_mps=4 * (frame in (0, 2)), track=3, frames=(frame,))
+        for frame in range(8)
+    ]
+    site = client(stored_workspace(tmp_path, {"a": drives}, 8))
+    near = "q=pedestrian&relation=near&other=bus&within=9"
+    assert hits(site, near) == [("a", 2, 1)]
+    assert "1.5 m from track 2" in site.get(f"/?{near}").text
+    stopped = "q=car&relation=stopped&stand=0.35"
+    assert hits(site, stopped) == [("a", 3, 3)]
+    assert "stands for 0.4 s" in site.get(f"/?{stopped}").text
+
+
 def test_more_like_this_leaves_its_own_track_out(site: TestClient) -> None:
     found = hits(site, "like=street-0:0:0&source=labels")
     assert found[0][::2] == ("gone", 7)
