@@ -202,7 +202,7 @@ def _browser(address: str) -> bool:
     try:
         driver.get(address)
         started = time.perf_counter()
-        driver.find_element(By.ID, "q").send_keys("snow plow", Keys.ENTER)
+        driver.find_element(By.ID, "q").send_keys("red bus", Keys.ENTER)
         WebDriverWait(driver, 60).until(lambda d: d.find_elements(By.CSS_SELECTOR, ".card h3 a"))
         searched = time.perf_counter() - started
         driver.find_element(By.CSS_SELECTOR, ".card h3 a").send_keys(Keys.ENTER)

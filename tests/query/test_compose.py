@@ -103,12 +103,15 @@ def test_nothing_is_near_nothing() -> None:
 
 
 def passing(
-    *, lateral_m: float = 3.0, speed: float = 15.0, slow: tuple[float, float] = (10.0, 0.0)
+    *,
+    lateral_m: float = 3.0,
+    fast: tuple[float, float] = (15.0, 0.0),
+    slow: tuple[float, float] = (10.0, 0.0),
 ) -> tuple[TimedBoxes, TimedBoxes]:
     """One gains 5 m a second on another that starts 12 m ahead; both as seen from a car that keeps its distance."""
-    fast = boxes([(-12 + 5 * t, lateral_m) for t in range(6)], object_id=1, velocity=(speed, 0))
+    passes = boxes([(-12 + 5 * t, lateral_m) for t in range(6)], object_id=1, velocity=fast)
     other = boxes([(0, 0)] * 6, object_id=2, velocity=slow)
-    return fast, other
+    return passes, other
 
 
 def found_overtakings(first: TimedBoxes, second: TimedBoxes) -> list[tuple[int, int, float]]:
@@ -147,7 +150,8 @@ def test_a_direction_across_the_car_counts_as_well() -> None:
         ({"slow": (0.0, 0.0)}, "passing what is parked is no overtaking"),
         ({"slow": (-10.0, 0.0)}, "the other comes the other way"),
         ({"slow": (0.0, 10.0)}, "the other crosses"),
-        ({"speed": 0.5}, "it does not move itself"),
+        ({"fast": (0.5, 0.0)}, "it does not move itself"),
+        ({"fast": (9.0, 12.0)}, "it turns away: 53 degrees"),
     ],
 )
 def test_what_is_no_overtaking(changes: dict[str, object], why: str) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from command import ENVIRONMENT, UPVL, fails
+from command import ENVIRONMENT, UPVL, fails, upvl
 from web.hostile import LINES, hostile_requests
 from web.small_site import workspace
 
@@ -86,7 +86,7 @@ def test_another_address_needs_a_token(tmp_path: Path) -> None:
     workspace(tmp_path)
     with serving(tmp_path, "--host", "0.0.0.0") as (_, line):
         found = re.fullmatch(
-            r"out is shown at http://0\.0\.0\.0:(\d+)/\?token=([\w-]{30,}) \(Ctrl-C ends\)\n", line
+            r"out is shown at http://[\w.-]+:(\d+)/\?token=([\w-]{30,}) \(Ctrl-C ends\)\n", line
         )
         assert found, line
         home = f"http://127.0.0.1:{found[1]}/"
@@ -101,3 +101,13 @@ def test_a_port_that_is_taken_is_one_line(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         message = fails(tmp_path, "serve", "--port", str(taken.getsockname()[1]))
     assert "Address already in use; choose another with --host or --port" in message
+
+
+def test_a_missing_package_is_one_line(tmp_path: Path) -> None:
+    workspace(tmp_path)
+    hidden = tmp_path / "hidden"
+    hidden.mkdir()
+    (hidden / "uvicorn.py").write_text('raise ModuleNotFoundError("no uvicorn", name="uvicorn")\n')
+    done = upvl(tmp_path, "serve", PYTHONPATH=f"{hidden}:{ENVIRONMENT['PYTHONPATH']}")
+    assert done.returncode == 2
+    assert done.stderr == "upvl: serve needs the package uvicorn; run: pip install 'upvl[serve]'\n"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import re
-from html import unescape
 from pathlib import Path
 
 import numpy as np
@@ -96,6 +95,39 @@ def test_a_relation_says_what_it_found(site: TestClient) -> None:
     assert "1.0 m from track 7" in text  # 3 m apart, 2 m wide both
 
 
+def test_a_relation_shows_its_best_moment(tmp_path: Path) -> None:
+    """The pedestrian comes nearer to the bus until the third frame, and goes away again."""
+    walk = [
+        Thing({"pedestrian": 6}, x_m=10, y_m=y, track=1, frames=(n,)) for n, y in enumerate((6, 5, 3.5, 4))
+    ]
+    drives = [*walk, Thing({"bus": 9}, x_m=10, track=2, frames=(0, 1, 2, 3))]
+    drives += [
+        Thing({"car": 9}, x_m=30, speed_mps=4 * (frame in (0, 2)), track=3, frames=(frame,))
+        for frame in range(8)
+    ]
+    site = client(stored_workspace(tmp_path, {"a": drives}, 8))
+    near = "q=pedestrian&relation=near&other=bus&within=9"
+    assert hits(site, near) == [("a", 2, 1)]
+    assert "1.5 m from track 2" in site.get(f"/?{near}").text
+    stopped = "q=car&relation=stopped&stand=0.35"
+    assert hits(site, stopped) == [("a", 3, 3)]
+    assert "stands for 0.4 s" in site.get(f"/?{stopped}").text
+
+
+def test_an_overtaking_is_found(tmp_path: Path) -> None:
+    drive = [Thing({"bus": 9}, x_m=0, speed_mps=10, track=1, frames=tuple(range(6)))]
+    drive += [
+        Thing({"bicycle": 9}, x_m=-12 + 5 * frame, y_m=3, speed_mps=60, track=2, frames=(frame,))
+        for frame in range(6)
+    ]
+    site = client(stored_workspace(tmp_path, {"a": drive}, 6))
+    query = "q=bicycle&relation=overtaking&other=bus&within=4"
+    assert hits(site, query) == [("a", 3, 2)]
+    assert "overtakes track 1 in 0.1 s" in site.get(f"/?{query}").text
+    assert hits(site, "q=bus&relation=overtaking&other=bicycle&within=4") == []
+    assert hits(site, query.replace("within=4", "within=2")) == []
+
+
 def test_more_like_this_leaves_its_own_track_out(site: TestClient) -> None:
     found = hits(site, "like=street-0:0:0&source=labels")
     assert found[0][::2] == ("gone", 7)
@@ -143,6 +175,11 @@ def test_pictures_and_the_scene(site: TestClient) -> None:
     assert len(np.unique(np.asarray(Image.open(io.BytesIO(crop.content))).reshape(-1, 3), axis=0)) > 100
     assert site.get("/camera/labels/street-0/0/0").headers["Content-Type"] == "image/jpeg"
     assert site.get("/camera/labels/street-0/0/7").status_code == 400
+    plain, framed, other = (
+        site.get(f"/camera/labels/street-0/0/0{query}").content for query in ("", "?track=7", "?track=999")
+    )
+    assert framed != plain
+    assert other == plain
     points = np.frombuffer(site.get("/api/points/labels/street-0/0").content, "<i2").reshape(-1, 3)
     assert 100 < len(points) <= 20_000
     assert np.abs(points).max() <= 7500
@@ -166,7 +203,7 @@ def test_a_drive_whose_raw_data_are_gone_is_shown_without_pictures(site: TestCli
     crop = site.get("/crop/labels/gone/0/0")
     assert crop.status_code == 200
     assert crop.headers["Content-Type"] == "image/svg+xml"
-    assert "the raw drive cannot be read" in unescape(crop.text)
+    assert "the raw drive cannot be read" in re.sub(r"(<[^>]*>)+", " ", crop.text)
     assert site.get("/above/labels/gone/0/0").headers["Content-Type"] == "image/png"
     assert "its raw data are not there" in site.get("/hit/labels/gone/0/0").text
     assert site.get("/api/points/labels/gone/0").status_code == 404

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Annotated
 
 import typer
@@ -40,6 +41,8 @@ def serve(
     def ready(address: str) -> None:
         print(f"{context.obj.out} is shown at {address} (Ctrl-C ends)", flush=True)
 
+    if sys.stderr.isatty():
+        print(f"opening {context.obj.out}; the first time a search index is made", file=sys.stderr)
     try:
         serve(context.obj, ServeOptions(host, port, token, access_log), ready)
     except KeyboardInterrupt:

@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from upvl_cli.drawing import colours
 from upvl_cli.drawing.camera_view import camera_view
 from upvl_cli.drawing.hit_sheet import HitPicture, part_with_box, picture_crop, surroundings
 from upvl_cli.errors import BadSetting
+from upvl_cli.geometry.box_projection import projected_boxes
+from upvl_cli.geometry.boxes import corners
 from upvl_cli.runtime.bounded_cache import BoundedCache
-from upvl_cli.types import TrackedBoxes
+from upvl_cli.types import Camera, TrackedBoxes
 from upvl_cli.web.catalog import Catalog
 from upvl_cli.web.raw_drives import NoRawData, RawDrives
 
@@ -23,6 +26,7 @@ CROP_PX = (360, 308)
 CAMERA_PX = (960, 720)
 _FILES_BYTES = 2**26
 _JPEG_QUALITY = 82
+_FRAME_PX = 8  # from the box to its frame
 
 Picture = tuple[str, bytes]  # type of the file, and its content
 
@@ -37,6 +41,7 @@ class Pictures:
 
     def above(self, catalog: Catalog, segment: str, frame: int, box: int) -> Picture:
         """Return a box and what is around it from above; without points where the raw drive is gone."""
+        catalog.row(segment, frame, box)
         hit = boxes_at(catalog, segment, frame)[box : box + 1]
         key = ("above", catalog.digest, segment, frame, box)
 
@@ -51,6 +56,7 @@ class Pictures:
 
     def crop(self, catalog: Catalog, segment: str, frame: int, box: int) -> Picture:
         """Return the part of the picture in which a box is largest; a text where no camera shows it."""
+        catalog.row(segment, frame, box)
         hit = boxes_at(catalog, segment, frame)[box : box + 1]
         key = ("crop", catalog.digest, segment, frame, box)
         return self._files.get_or_make(key, lambda: self._draw_crop(segment, frame, hit))
@@ -72,8 +78,17 @@ class Pictures:
             problem = "the raw drive cannot be read"
         return placeholder(problem, CROP_PX)
 
-    def camera(self, catalog: Catalog, segment: str, frame: int, number: int) -> Picture:
+    def camera(
+        self, catalog: Catalog, segment: str, frame: int, number: int, track: int | None = None
+    ) -> Picture:
         """Return the whole picture of a camera with all boxes of the frame; a text where there is none.
+
+        Args:
+            catalog: The boxes.
+            segment: Name of the drive.
+            frame: Index of the frame.
+            number: Number of the camera.
+            track: Track whose box is framed; None for none.
 
         Raises:
             BadSetting: There is no such camera.
@@ -82,7 +97,7 @@ class Pictures:
         cameras = self._drives.cameras(segment)
         if not 0 <= number < len(cameras):
             raise BadSetting(f"drive {segment} has no camera number {number}")
-        key = ("camera", catalog.digest, segment, frame, number)
+        key = ("camera", catalog.digest, segment, frame, number, track)
 
         def draw() -> Picture:
             camera = cameras[number]
@@ -91,10 +106,24 @@ class Pictures:
             except NoRawData as error:
                 return placeholder(str(error), (640, 360))
             image = camera_view(rgb, camera, boxes)
+            if track is not None:
+                _frame(image, camera, boxes[boxes.track_id == track])
             image.thumbnail(CAMERA_PX)
             return _jpeg(image)
 
         return self._files.get_or_make(key, draw)
+
+
+def _frame(image: Image, camera: Camera, hit: TrackedBoxes) -> None:
+    """Draw a frame around the box of a hit, which may be none."""
+    from PIL import ImageDraw
+
+    edges, _ = projected_boxes(camera, corners(hit))
+    for rectangle in edges[np.isfinite(edges).all(axis=1)]:
+        scale = image.width / camera.width_px
+        left, top, right, bottom = (float(edge) * scale for edge in rectangle)
+        outline = (left - _FRAME_PX, top - _FRAME_PX, right + _FRAME_PX, bottom + _FRAME_PX)
+        ImageDraw.Draw(image).rectangle(outline, outline=colours.MOVING, width=_FRAME_PX // 2)
 
 
 def boxes_at(catalog: Catalog, segment: str, frame: int) -> TrackedBoxes:

@@ -50,11 +50,6 @@ class Search:
         self._vocabularies: BoundedCache[Vocabulary] = BoundedCache(_ANSWERS)
         self._config = query_config(workspace, {})
 
-    def key(self, question: Question) -> tuple[object, ...]:
-        """Return what stands for the answer to a question as long as no shard changes."""
-        catalog = self.catalogs.get(question.source)
-        return ("answer", catalog.source, catalog.digest, question)
-
     def ask(self, question: Question) -> SearchResult:
         """Return the answer.
 

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from upvl_cli.pipeline.workspace import Workspace
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
+_EVERYWHERE = ("0.0.0.0", "::")  # no address that a browser could open
 _MOST_CONNECTIONS = 1000  # a browser opens six
 _MIN_TOKEN = 16  # letters: shorter ones can be tried out
 
@@ -78,7 +79,8 @@ def serve(workspace: Workspace, options: ServeOptions, on_ready: Callable[[str],
     )
     try:
         site.warm_up()
-        shown = f"[{options.host}]" if ":" in options.host else options.host
+        host = socket.gethostname() if options.host in _EVERYWHERE else options.host
+        shown = f"[{host}]" if ":" in host else host
         on_ready(f"http://{shown}:{port}/" + (f"?token={token}" if token else ""))
         uvicorn.Server(config).run(sockets=[listening])
     finally:

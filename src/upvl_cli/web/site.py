@@ -159,9 +159,7 @@ class Site:
         number = _number(request, "number" if "number" in request.path_params else "box")
 
         def make() -> Picture:
-            catalog = self._search.catalogs.get(source)
-            catalog.row(segment, frame, 0 if draw == self._pictures.camera else number)
-            return draw(catalog, segment, frame, number)
+            return draw(self._search.catalogs.get(source), segment, frame, number)
 
         # Pages are not to wait for pictures, nor pictures for those whose reader has left.
         async with self._picture_slots:
@@ -179,20 +177,22 @@ class Site:
         return await self._picture(request, self._pictures.crop)
 
     async def _camera(self, request: Request) -> Response:
-        return await self._picture(request, self._pictures.camera)
+        track = _track_of(request)
+
+        def camera(catalog: Catalog, segment: str, frame: int, number: int) -> Picture:
+            catalog.row(segment, frame, 0)
+            return self._pictures.camera(catalog, segment, frame, number, track)
+
+        return await self._picture(request, camera)
 
     async def _boxes(self, request: Request) -> Response:
         source, segment, frame = _place(request)
-        track = request.query_params.get("track", "")
-        if track and not (track.isascii() and track.isdigit() and len(track) < 19):
-            raise BadSetting("track is no whole number")
+        track = _track_of(request)
 
         def make() -> dict[str, Any]:
             catalog = self._search.catalogs.get(source)
             shown = boxes_of_frame(catalog, segment, frame)
-            rows = (
-                [row for row, box in enumerate(shown["boxes"]) if str(box["track"]) == track] if track else []
-            )
+            rows = [row for row, box in enumerate(shown["boxes"]) if box["track"] == track]
             start = catalog.row(segment, frame, rows[0]) if rows else None
             return shown | {"cameras": cameras_at(catalog, self._drives, segment, frame, start)}
 
@@ -275,6 +275,13 @@ def _number(request: Request, name: str) -> int:
     if number >= _MOST_FRAMES:
         raise HTTPException(404)
     return number
+
+
+def _track_of(request: Request) -> int | None:
+    text = request.query_params.get("track", "")
+    if text and not (text.isascii() and text.isdigit() and len(text) < 19):
+        raise BadSetting("track is no whole number")
+    return int(text) if text else None
 
 
 def _json(values: dict[str, Any]) -> Response:

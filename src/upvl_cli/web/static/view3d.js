@@ -11,6 +11,7 @@
   const note = document.getElementById("scene-note");
   const view = { yaw: Math.PI, pitch: 0.55, distance: 32, target: [0, 0, 0] };
   const cache = new Map();
+  const ofTrack = Number(data.track) >= 0 ? `&track=${data.track}` : "";
   let scene = null, wanted = Number(data.frame), timer = 0, aimed = false;
 
   const nearest = (frame) => frames.reduce((best, one) => (Math.abs(one - frame) < Math.abs(best - frame) ? one : best));
@@ -21,7 +22,7 @@
     if (cache.has(frame)) return cache.get(frame);
     const place = `${data.source}/${data.segment}/${frame}`;
     const [boxes, points] = await Promise.all([
-      fetch(`/api/boxes/${place}?track=${Math.max(Number(data.track), 0)}`),
+      fetch(`/api/boxes/${place}?v=${data.version}${ofTrack}`),
       fetch(`/api/points/${place}?v=${data.version}`).catch(() => null),
     ]);
     if (!boxes.ok) throw new Error(await boxes.text());
@@ -70,7 +71,7 @@
       figure.classList.toggle("unseen", !camera.sees);
       seen = seen || camera.sees;
       const image = figure.querySelector("img");
-      const address = `/camera/${data.source}/${data.segment}/${loaded.frame}/${camera.number}?v=${data.version}`;
+      const address = `/camera/${data.source}/${data.segment}/${loaded.frame}/${camera.number}?v=${data.version}${ofTrack}`;
       if (!timer && image.getAttribute("src") !== address) image.src = address;
     }
     document.getElementById("unseen").hidden = seen || !loaded.cameras.length;
