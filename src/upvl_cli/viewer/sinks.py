@@ -19,7 +19,7 @@ from urllib.parse import quote
 
 from upvl_cli.errors import BadSetting, UpvlError
 from upvl_cli.runtime.atomic import atomic_path
-from upvl_cli.viewer.library import rerun_library
+from upvl_cli.viewer.library import SinkLost, flush, rerun_library
 
 APPLICATION = "upvl"
 HOST = "127.0.0.1"  # the library itself would listen to the whole network
@@ -102,7 +102,7 @@ def window_recording() -> Iterator[Any]:
     _start("--port", str(port), "--expect-data-soon", "--hide-welcome-screen", data_port=port)
     recording.connect_grpc(_data_address(port))
     yield recording
-    recording.flush()
+    flush(recording)
     recording.disconnect()
 
 
@@ -116,7 +116,7 @@ class WebViewer:
 
     def wait(self) -> None:
         """Wait until the viewer is stopped."""
-        self.recording.flush()
+        flush(self.recording)
         self.process.wait()
 
 
