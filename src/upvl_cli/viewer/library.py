@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 from upvl_cli.errors import BadSetting, UpvlError, one_line
@@ -13,6 +14,8 @@ def rerun_library() -> Any:
     Raises:
         BadSetting: It is not installed.
     """
+    # Its failures reach us as exceptions; what it would write of them beside is a second message.
+    os.environ.setdefault("RUST_LOG", "off")
     try:
         import rerun
     except ImportError as error:

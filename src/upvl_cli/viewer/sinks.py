@@ -53,13 +53,15 @@ def saved_recording(path: Path) -> Iterator[Any]:
         )
     with atomic_path(path) as part:
         recording.save(part)
-        yield recording
+        not_written = f"{path} could not be written to its end; make room on its disk, or show fewer frames"
+        try:
+            yield recording
+        except SinkLost as error:
+            raise UpvlError(not_written) from error
         recording.disconnect()  # writes what is left, and the footer
-        # The library writes in a thread of its own, which does not tell us of a full disk.
+        # The library writes in a thread of its own, which does not tell of every failure.
         if not _ends_with_footer(part):
-            raise UpvlError(
-                f"{path} could not be written to its end; make room on its disk, or show fewer frames"
-            )
+            raise UpvlError(not_written)
 
 
 def _ends_with_footer(path: Path) -> bool:
