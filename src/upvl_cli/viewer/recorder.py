@@ -13,11 +13,14 @@ from upvl_cli.types import Array, Camera
 from upvl_cli.viewer import entities
 from upvl_cli.viewer.blueprint import blueprint_of
 from upvl_cli.viewer.layers import LEGEND, WordNumbers
-from upvl_cli.viewer.library import rerun_library
+from upvl_cli.viewer.library import flush, rerun_library
 from upvl_cli.viewer.pictures import reduction, size_of
 from upvl_cli.viewer.scene import DriveScene, FrameView, PictureView, SweepView
 
 FRAME_TIMELINE, TIME_TIMELINE = "frame", "time"
+# The library queues without bound what its sink has not taken yet: memory would grow by 0.2 MiB a frame. The first
+# frame goes out at once.
+_FLUSH_FRAMES = 16
 _CLASS_COLOURS: dict[str, colours.Colour] = {
     "vehicle": (90, 150, 255),
     "pedestrian": (255, 84, 104),
@@ -47,8 +50,10 @@ def record(
     recorder = DriveRecorder(recording, scene)
     recorder.log_static((*texts, "colours"))
     recorder.log_text("colours", LEGEND)
-    for view in scene.frame_views():
+    for number, view in enumerate(scene.frame_views()):
         recorder.log_frame(view)
+        if number % _FLUSH_FRAMES == 0:
+            flush(recording)
         tick()
     for name, text in texts.items():
         recorder.log_text(name, text())

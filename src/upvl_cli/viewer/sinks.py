@@ -19,7 +19,7 @@ from urllib.parse import quote
 
 from upvl_cli.errors import BadSetting, UpvlError
 from upvl_cli.runtime.atomic import atomic_path
-from upvl_cli.viewer.library import rerun_library
+from upvl_cli.viewer.library import SinkLost, flush, rerun_library
 
 APPLICATION = "upvl"
 HOST = "127.0.0.1"  # the library itself would listen to the whole network
@@ -53,13 +53,15 @@ def saved_recording(path: Path) -> Iterator[Any]:
         )
     with atomic_path(path) as part:
         recording.save(part)
-        yield recording
+        not_written = f"{path} could not be written to its end; make room on its disk, or show fewer frames"
+        try:
+            yield recording
+        except SinkLost as error:
+            raise UpvlError(not_written) from error
         recording.disconnect()  # writes what is left, and the footer
-        # The library writes in a thread of its own, which does not tell us of a full disk.
+        # The library writes in a thread of its own, which does not tell of every failure.
         if not _ends_with_footer(part):
-            raise UpvlError(
-                f"{path} could not be written to its end; make room on its disk, or show fewer frames"
-            )
+            raise UpvlError(not_written)
 
 
 def _ends_with_footer(path: Path) -> bool:
@@ -102,7 +104,7 @@ def window_recording() -> Iterator[Any]:
     _start("--port", str(port), "--expect-data-soon", "--hide-welcome-screen", data_port=port)
     recording.connect_grpc(_data_address(port))
     yield recording
-    recording.flush()
+    flush(recording)
     recording.disconnect()
 
 
@@ -116,7 +118,7 @@ class WebViewer:
 
     def wait(self) -> None:
         """Wait until the viewer is stopped."""
-        self.recording.flush()
+        flush(self.recording)
         self.process.wait()
 
 
