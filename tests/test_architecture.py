@@ -47,18 +47,7 @@ ALLOWED = {
     "results": USE_CASES | {"results", "query", "viewer"},
     "web": USE_CASES | {"web", "query", "export", "viewer"},
     "cli": USE_CASES
-    | {
-        "cli",
-        "commands",
-        "query",
-        "evaluation",
-        "detector",
-        "synthetic",
-        "export",
-        "viewer",
-        "report",
-        "web",
-    },
+    | {"cli", "commands", "query", "evaluation", "detector", "synthetic", "export", "viewer", "report", "web"},
     "__main__": {"cli"},
     "__init__": {"results"},
 }
