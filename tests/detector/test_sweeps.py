@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scenes import SHIPPED, shifted
 
-from upvl_cli.detector.config import AugmentationConfig, SamplingConfig
+from upvl_cli.detector.config import AugmentationConfig, HandCorrectionsConfig, SamplingConfig
 from upvl_cli.detector.data.frames import DriveFrames, Source
 from upvl_cli.detector.data.sampler import frame_at
 from upvl_cli.detector.data.scene import TrainingScene
@@ -166,6 +166,11 @@ def test_of_each_drive_the_end_is_held_out_and_labels_stand_above_the_road() -> 
     )
     frames = DriveFrames({"a": 10, "b": 4}, source, grid=GRID, values=lambda c: c * 1.0, config=still)
     assert (frames.train, frames.held_out) == (7 + 3, 3 + 1)
+    twice = replace(still, hand_corrections=HandCorrectionsConfig(folder="", weight=3))
+    more_often = DriveFrames(
+        {"a": 10, "b": 4}, source, grid=GRID, values=lambda c: c * 1.0, config=twice, corrected={"b"}
+    )
+    assert (more_often.train, more_often.held_out) == (7 + 3 * 3, 3 + 1)
     first = [round(frames.unchanged(number).points[0, 0] * 10) for number in range(14)]
     assert first == [*range(7), 100, 101, 102, 7, 8, 9, 103]
     np.testing.assert_allclose(frames.unchanged(0).boxes.to_rows(), [[10, 3, 1.0, 4, 2, 1.5, 0.3]])

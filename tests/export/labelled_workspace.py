@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+import made_labels
 from command import make_workspace
 from export.labelled_drives import labelled_drive
 from upvl_cli.commands.pipeline import PIPELINE
@@ -35,34 +36,20 @@ def labelled_workspace(folder: Path) -> Workspace:
 
 def label_row(frame: int, time_ns: int, boxes: ExportBoxes) -> LabelRow:
     """The labels of one frame; the word of a vehicle is car."""
-    n = len(boxes)
-    return LabelRow(
+    names = [(str(name), 4.0) for name in boxes.class_name]
+    return made_labels.label_row(
         SEGMENT,
         frame,
-        time_ns,
-        boxes.center_m,
-        boxes.size_lwh_m,
-        boxes.heading_rad,
-        boxes.velocity_mps,
-        boxes.num_points,
-        boxes.score,
-        boxes.track_id,
-        background_share=np.zeros(n),
-        num_frames_seen=np.full(n, 2),
-        objectness=np.full(n, 0.9),
-        sides_seen=np.full(n, 2),
-        residual_m=np.full(n, 0.05),
-        class_name=boxes.class_name,
+        names,
+        time_ns=time_ns,
+        center_m=boxes.center_m,
+        size_lwh_m=boxes.size_lwh_m,
+        heading_rad=boxes.heading_rad,
+        velocity_mps=boxes.velocity_mps,
+        num_points=boxes.num_points,
+        score=boxes.score,
+        track_id=boxes.track_id,
         word=np.where(boxes.class_name == "vehicle", "car", ""),
-        class_share=np.ones(n),
-        is_moving=np.ones(n, bool),
-        num_looks=np.zeros(n, np.int32),
-        look_word=np.full((n, 3), "", dtype=str),
-        look_share=np.zeros((n, 3)),
-        words_agree=np.ones(n, bool),
-        iou_2d=np.full(n, -1.0),
-        box_word=np.array([""] * n, dtype=str),
-        box_share=np.zeros(n),
     )
 
 

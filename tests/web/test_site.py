@@ -235,6 +235,9 @@ def test_a_misspelt_word_is_named(site: TestClient) -> None:
     assert answer.status_code == 400
     assert "did you mean &#34;truck&#34;?" in answer.text
     assert 'value="fire trcuk"' in answer.text  # what was typed is kept
+    assert "--anyway" not in answer.text
+    (link,) = re.findall(r'<a href="([^"]+)">Search for it as it is written</a>', answer.text)
+    assert site.get(link.replace("&amp;", "&")).status_code == 200
 
 
 def test_no_hits_are_explained(site: TestClient) -> None:

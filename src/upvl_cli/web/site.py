@@ -39,6 +39,7 @@ STATIC = {
 }
 _KEPT = {"Cache-Control": "private, max-age=3600"}  # the addresses of pictures change with the shards
 _MOST_FRAMES = 2**31
+_ANYWAY = " (--anyway asks regardless)"
 _PAGE_THREADS, _PICTURE_THREADS = 4, 2
 
 
@@ -125,19 +126,28 @@ class Site:
         except UpvlError as error:
             problem = one_line(error)
         shown = form(self._search.catalogs, catalog, asked)
+        # What the command line calls --anyway is a link here.
+        insist = asked.address(anyway=True) if message.endswith(_ANYWAY) else ""
+        plain = (message or problem).removesuffix(_ANYWAY)
         return self._page(
             "search.html",
             status,
             form=shown,
             results=None,
-            message=message or problem,
+            message=plain,
+            insist=insist,
             formats=list(EXPORTS),
         )
 
     def _results_page(self, found: SearchResult, asked: Asked) -> Response:
         shown = form(self._search.catalogs, found.catalog, asked)
         return self._page(
-            "search.html", form=shown, results=results(found, asked), message="", formats=list(EXPORTS)
+            "search.html",
+            form=shown,
+            results=results(found, asked),
+            message="",
+            insist="",
+            formats=list(EXPORTS),
         )
 
     async def _hit(self, request: Request) -> Response:
