@@ -108,7 +108,7 @@ def last_runs(workspace: Workspace) -> dict[tuple[str, str], LastRun]:
         return {}
     runs: dict[tuple[str, str], LastRun] = {}
     for line in lines:
-        with contextlib.suppress(ValueError, KeyError, TypeError, RecursionError):
+        with contextlib.suppress(ValueError, KeyError, TypeError, AttributeError, RecursionError):
             run = json.loads(line)
             peak_mib = run.get("peak_mib")
             key = str(run["stage"]), str(run["segment"])
