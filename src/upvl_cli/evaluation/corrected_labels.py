@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from upvl_cli.datasets.shared.class_types import type_of_class
 from upvl_cli.datasets.shared.tracks import count_points
 from upvl_cli.errors import BadInput, NotMade
 from upvl_cli.export.corrections import corrected_segments, reviewed_frames
+from upvl_cli.export.drive import labels_of
 from upvl_cli.export.gather import drive_with_boxes
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.types import Array, Bools, Ints, Labels
@@ -37,17 +37,4 @@ class CorrectedLabels:
             drive = drive_with_boxes(self._workspace, segment, "corrected", "class")
         except NotMade as error:
             raise BadInput(str(error)) from None
-        boxes = drive.boxes
-        labels = Labels(
-            boxes.center_m,
-            boxes.size_lwh_m,
-            boxes.heading_rad,
-            frame=boxes.frame,
-            object_id=boxes.track_id.astype(str),
-            class_name=boxes.class_name,
-            type=np.array([type_of_class(str(name)) for name in boxes.class_name], dtype=np.int8),
-            velocity_mps=boxes.velocity_mps,
-            num_points=np.full(len(boxes), -1),
-            difficulty=np.zeros(len(boxes)),
-        )
-        return count_points(labels, self._workspace.drive(segment))
+        return count_points(labels_of(drive.boxes), self._workspace.drive(segment))

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from upvl_cli.datasets.shared.class_types import type_of_class
 from upvl_cli.errors import BadInput
 from upvl_cli.geometry.se3 import rotate
-from upvl_cli.types import Array, Camera, Drive, Frame, Ints, TrackedBoxes, array
+from upvl_cli.types import Array, Camera, Drive, Frame, Ints, Labels, TrackedBoxes, array
 
 Losses = Counter[str]  # what a format cannot carry, by reason: told to the user, and kept in the manifest
 
@@ -110,6 +111,22 @@ class ExportDrive:
 
     def _span(self) -> str:
         return f"{self.frames[0].index} to {self.frames[-1].index}" if self.frames else "no frame at all"
+
+
+def labels_of(boxes: ExportBoxes) -> Labels:
+    """Return boxes as labels; their points are not counted, and nothing says how difficult they are."""
+    return Labels(
+        boxes.center_m,
+        boxes.size_lwh_m,
+        boxes.heading_rad,
+        frame=boxes.frame,
+        object_id=boxes.track_id.astype(str),
+        class_name=boxes.class_name,
+        type=np.array([type_of_class(str(name)) for name in boxes.class_name], dtype=np.int8),
+        velocity_mps=boxes.velocity_mps,
+        num_points=np.full(len(boxes), -1),
+        difficulty=np.zeros(len(boxes)),
+    )
 
 
 def track_numbers(ids: Sequence[str]) -> Ints:

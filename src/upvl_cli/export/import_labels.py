@@ -20,14 +20,14 @@ from upvl_cli.export.corrections import (
     write_corrections,
 )
 from upvl_cli.export.differences import differences
-from upvl_cli.export.drive import ExportBoxes, ExportDrive
+from upvl_cli.export.drive import ExportBoxes, ExportDrive, labels_of
 from upvl_cli.export.format import ExportFormat
 from upvl_cli.export.gather import drive_with_boxes, labelled_segments
 from upvl_cli.export.manifest import Manifest, read_manifest
 from upvl_cli.export.run import read_back
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.stages.correction_rows import NEW
-from upvl_cli.types import Labels, concat
+from upvl_cli.types import concat
 
 
 @dataclass(frozen=True)
@@ -114,19 +114,7 @@ def _with_velocities(drive: ExportDrive, corrections: Corrections) -> Correction
     if not unknown.any():
         return corrections
     boxes, _ = corrected(drive.boxes, corrections)
-    labels = Labels(
-        boxes.center_m,
-        boxes.size_lwh_m,
-        boxes.heading_rad,
-        frame=boxes.frame,
-        object_id=boxes.track_id.astype(str),
-        class_name=boxes.class_name,
-        type=np.zeros(len(boxes)),
-        velocity_mps=boxes.velocity_mps,
-        num_points=boxes.num_points,
-        difficulty=np.zeros(len(boxes)),
-    )
-    of_tracks = velocities_of_tracks(labels, drive.frames, drive.world_from_ego)
+    of_tracks = velocities_of_tracks(labels_of(boxes), drive.frames, drive.world_from_ego)
     known = {key: velocity for key, velocity in zip(_keys(boxes), of_tracks, strict=True)}
     velocity = corrections.velocity_mps.copy()
     for place in np.flatnonzero(unknown):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -134,6 +134,20 @@ def best_first(hits: Hits) -> Hits:
 
 def _hits(segment: str, objects: Objects, votes: VoteResult, hit: Bools) -> Hits:
     boxes, share = objects[hit], votes.share[hit]
+    found = hits_of_one_class(segment, boxes, share * boxes.confidence)
+    classes = {"class_index": votes.class_index[hit], "word_index": votes.word_index[hit]}
+    return replace(found, **classes, share=share, cosine=votes.cosine[hit])
+
+
+def hits_of_one_class(segment: str, boxes: Objects, score: Floats) -> Hits:
+    """Return boxes of a drive as hits of the first class, without shares and cosines.
+
+    Args:
+        segment: Name of the drive.
+        boxes: n boxes.
+        score: (n,) their scores.
+    """
+    zeros = np.zeros(len(boxes))
     return Hits(
         segment=np.full(len(boxes), segment),
         frame=boxes.frame,
@@ -146,11 +160,11 @@ def _hits(segment: str, objects: Objects, votes: VoteResult, hit: Bools) -> Hits
         velocity_mps=boxes.velocity_mps,
         confidence=boxes.confidence,
         num_features=boxes.num_features,
-        class_index=votes.class_index[hit],
-        word_index=votes.word_index[hit],
-        share=share,
-        cosine=votes.cosine[hit],
-        score=share * boxes.confidence,
+        class_index=zeros,
+        word_index=zeros,
+        share=zeros,
+        cosine=zeros,
+        score=score,
     )
 
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from upvl_cli.query.find import Hits
-from upvl_cli.query.index import Objects
 from upvl_cli.query.vocabulary import Vocabulary
 from upvl_cli.types import Floats, Ints, concat
 
@@ -50,36 +49,6 @@ class Answer:
 def plain_vocabulary() -> Vocabulary:
     """Return a vocabulary of one class that no word describes."""
     return Vocabulary(("object",), ("",), np.zeros(1, np.int64), np.zeros((1, 0), np.float32))
-
-
-def hits_of(segment: str, objects: Objects, rows: Ints, score: Floats) -> Hits:
-    """Return some boxes of a drive as hits of one class with given scores.
-
-    Args:
-        segment: Name of the drive.
-        objects: All boxes of the drive.
-        rows: (k,) the boxes.
-        score: (k,) their scores.
-    """
-    boxes, zeros = objects[rows], np.zeros(len(rows))
-    return Hits(
-        segment=np.full(len(boxes), segment),
-        frame=boxes.frame,
-        box=boxes.box,
-        track_id=boxes.track_id,
-        time_s=boxes.time_s,
-        center_m=boxes.center_m,
-        size_lwh_m=boxes.size_lwh_m,
-        heading_rad=boxes.heading_rad,
-        velocity_mps=boxes.velocity_mps,
-        confidence=boxes.confidence,
-        num_features=boxes.num_features,
-        class_index=zeros,
-        word_index=zeros,
-        share=zeros,
-        cosine=zeros,
-        score=score,
-    )
 
 
 def best_boxes_of_tracks(track_id: Ints, score: Floats) -> Ints:

@@ -12,7 +12,7 @@ from upvl_cli.errors import BadSetting, NotMade
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.query.classes import Classes, classes_from_phrases
 from upvl_cli.query.filters import Filters
-from upvl_cli.query.find import WarmStore, find
+from upvl_cli.query.find import WarmStore, find, hits_of_one_class
 from upvl_cli.query.index import Objects
 from upvl_cli.query.kinds import with_kinds
 from upvl_cli.query.ranking import Ranking
@@ -22,7 +22,7 @@ from upvl_cli.query.vocabulary import Vocabulary, build_vocabulary
 from upvl_cli.runtime.bounded_cache import BoundedCache
 from upvl_cli.stages import classify
 from upvl_cli.types import Bools
-from upvl_cli.web.answer import Answer, best_boxes_of_tracks, by_score, hits_of, plain_vocabulary
+from upvl_cli.web.answer import Answer, best_boxes_of_tracks, by_score, plain_vocabulary
 from upvl_cli.web.catalog import Catalog, Catalogs
 from upvl_cli.web.parameters import Question
 from upvl_cli.web.relations import related
@@ -132,7 +132,7 @@ class Search:
                 {"boxes": len(objects), "filtered out": len(objects) - len(rows), "hits": len(rows)}
             )
             best = rows[best_boxes_of_tracks(objects.track_id[rows], objects.confidence[rows])]
-            parts.append(hits_of(segment, objects, best, objects.confidence[best]))
+            parts.append(hits_of_one_class(segment, objects[best], objects.confidence[best]))
         hits = by_score(parts)
         return Answer(hits[:_MOST_BROWSED], plain_vocabulary(), "confidence", counts)
 
@@ -162,7 +162,7 @@ class Search:
             features = others.look_feature if uses_looks else others.pooled
             cosine = basis.cosines(features if len(rows) == len(others) else features[rows], vector)[:, 0]
             best = best_boxes_of_tracks(others.track_id[rows], cosine)
-            parts.append(hits_of(name, others, rows[best], cosine[best]))
+            parts.append(hits_of_one_class(name, others[rows[best]], cosine[best]))
         hits = by_score(parts)[: question.candidates]
         return Answer(hits, plain_vocabulary(), "similarity", counts)
 
