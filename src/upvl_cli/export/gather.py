@@ -19,8 +19,8 @@ from upvl_cli.types import Array, Bools, Drive, Frame, concat
 
 STAGE_OF = {"labels": "labels", "corrected": "labels", "detections": "detect"}
 HOW_TO_MAKE = {
-    "labels": "upvl autolabel",
-    "corrected": "upvl autolabel",
+    "labels": "upvl autolabel --all-motion",
+    "corrected": "upvl autolabel --all-motion",
     "detections": "upvl train, then: upvl detect",
 }
 
@@ -40,7 +40,8 @@ def labelled_segments(workspace: Workspace, what: str, segments: Collection[str]
         workspace.check_name(segment, workspace.segments)
     made = [name for name in workspace.segments if workspace.shard(STAGE_OF[what], name).exists()]
     if not segments and not made:
-        raise NotMade(f"{workspace.out} has no {what}; run: {HOW_TO_MAKE[what]}")
+        kind = "detections" if what == "detections" else "labels"
+        raise NotMade(f"{workspace.out} has no {kind}; run: {HOW_TO_MAKE[what]}")
     return list(dict.fromkeys(segments)) or made
 
 
