@@ -57,11 +57,12 @@ class ExportSummary:
 
     def lines(self, folder: Path) -> Iterator[str]:
         """Yield what a user is told."""
-        yield f"{folder}: {self.boxes} boxes in {self.frames} frames of {self.drives} drives"
+        drives = "1 drive" if self.drives == 1 else f"{self.drives} drives"
+        yield f"{folder}: {self.boxes} boxes in {self.frames} frames of {drives}"
         if self.left_out:
             yield f"  {self.left_out} boxes left out by the filters"
         if self.corrected_drives:
-            yield f"  with the hand corrections of {self.corrected_drives} drives; without them: --on labels"
+            yield f"  drives with hand corrections: {self.corrected_drives}; without corrections: --on labels"
         for reason, count in (self.not_carried or {}).items():
             yield f"  {reason}: {count}"
 
