@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import struct
 
+from upvl_cli.datasets.shared.thrift import write_varint
 from upvl_cli.datasets.waymo.wire import BYTES, FIXED32, FIXED64, VARINT
 
 _WORD = 1 << 64
@@ -14,7 +15,7 @@ _WORD = 1 << 64
 
 def whole_number(number: int, value: int) -> bytes:
     """Return a field of a whole number or a choice."""
-    return _key(number, VARINT) + _varint(value % _WORD)
+    return _key(number, VARINT) + write_varint(value % _WORD)
 
 
 def double(number: int, value: float) -> bytes:
@@ -34,17 +35,8 @@ def text(number: int, value: str) -> bytes:
 
 def message(number: int, content: bytes) -> bytes:
     """Return a field that holds a message, or bytes."""
-    return _key(number, BYTES) + _varint(len(content)) + content
+    return _key(number, BYTES) + write_varint(len(content)) + content
 
 
 def _key(number: int, kind: int) -> bytes:
-    return _varint(number << 3 | kind)
-
-
-def _varint(value: int) -> bytes:
-    encoded = bytearray()
-    while value > 127:
-        encoded.append(value & 127 | 128)
-        value >>= 7
-    encoded.append(value)
-    return bytes(encoded)
+    return write_varint(number << 3 | kind)

@@ -126,9 +126,9 @@ def _kind(value: object) -> int:
 
 def _content(value: object) -> bytes:
     if isinstance(value, int):
-        return _write_varint(value << 1 if value >= 0 else (-value << 1) - 1)
+        return write_varint(value << 1 if value >= 0 else (-value << 1) - 1)
     if isinstance(value, bytes):
-        return _write_varint(len(value)) + value
+        return write_varint(len(value)) + value
     if isinstance(value, Mapping):
         return write_struct(value)
     assert isinstance(value, Sequence) and len(value) < 15
@@ -136,7 +136,8 @@ def _content(value: object) -> bytes:
     return head + b"".join(_content(item) for item in value)
 
 
-def _write_varint(value: int) -> bytes:
+def write_varint(value: int) -> bytes:
+    """Return a number of 0 or more in groups of seven bits, the lowest first, as Thrift and protobuf have it."""
     out = bytearray()
     while value > 127:
         out.append(value & 127 | 128)
