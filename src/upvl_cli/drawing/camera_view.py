@@ -48,14 +48,14 @@ def camera_view(
         ]
     draw = ImageDraw.Draw(image)
     far_first = np.argsort(-np.linalg.norm(boxes.center_m[:, :2], axis=1))
-    uv_px, is_drawn = _edges(camera, corners(boxes[far_first]))
+    uv_px, is_drawn, _ = edge_pieces(camera, corners(boxes[far_first]))
     for place, box in enumerate(far_first.tolist()):
         _box(draw, (uv_px[place] + 0.5) * scale, is_drawn[place], paints[box])
     return image
 
 
-def _edges(camera: Camera, corners_m: Array) -> tuple[Array, Array]:
-    """Return (n, 12, k, 2) pixels of the pieces of all edges, and (n, 12, k) whether each can be drawn.
+def edge_pieces(camera: Camera, corners_m: Array) -> tuple[Array, Array, Array]:
+    """Return (n, 12, k, 2) pixels of the pieces of all edges, and (n, 12, k) which can be drawn and which are in view.
 
     Args:
         camera: The camera of the picture.
@@ -64,9 +64,10 @@ def _edges(camera: Camera, corners_m: Array) -> tuple[Array, Array]:
     share = np.linspace(0.0, 1.0, PIECES)[:, None]
     start, end = np.array(EDGES).T
     points = corners_m[:, start, None] * (1 - share) + corners_m[:, end, None] * share  # (n, 12, k, 3)
-    uv_px, depth_m, _ = project(camera, points.reshape(-1, 3))
+    uv_px, depth_m, in_view = project(camera, points.reshape(-1, 3))
     is_drawn = (depth_m > MIN_DEPTH_M) & (np.abs(uv_px) < FAR_PX).all(axis=1)  # and finite
-    return uv_px.reshape(*points.shape[:3], 2), is_drawn.reshape(points.shape[:3])
+    shape = points.shape[:3]
+    return uv_px.reshape(*shape, 2), is_drawn.reshape(shape), in_view.reshape(shape)
 
 
 def _box(draw: ImageDraw.ImageDraw, pixels: Array, is_drawn: Array, paint: BoxPaint) -> None:

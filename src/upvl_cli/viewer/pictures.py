@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from PIL import Image as Pillow
 
-from upvl_cli.drawing.camera_view import EDGES, FAR_PX, MIN_DEPTH_M, PIECES
+from upvl_cli.drawing.camera_view import edge_pieces
 from upvl_cli.geometry.boxes import corners
-from upvl_cli.geometry.camera import project
 from upvl_cli.types import Array, Boxes, Camera, Floats
 
 _JPEG_QUALITY = 80
@@ -75,16 +74,10 @@ def box_edges(camera: Camera, boxes: Boxes, scale: float) -> BoxEdges:
     edges = BoxEdges([], [], {})
     if not len(boxes):
         return edges
-    share = np.linspace(0.0, 1.0, PIECES)[:, None]
-    start_m, end_m = (corners(boxes)[:, [edge[side] for edge in EDGES], None] for side in (0, 1))
-    lines_m = start_m * (1 - share) + end_m * share  # (n, edges, pieces, 3)
-    pixels, depth_m, inside = project(camera, lines_m.reshape(-1, 3))
-    with np.errstate(invalid="ignore"):
-        is_seen = (depth_m > MIN_DEPTH_M) & (np.abs(pixels) < FAR_PX).all(axis=1)
+    pixels, is_seen, in_view = edge_pieces(camera, corners(boxes))
     # The camera counts from the centre of its first pixel, the viewer from the corner of the picture.
-    strips_px = ((pixels + 0.5) * scale).astype(np.float32).reshape(*lines_m.shape[:3], 2)
-    is_seen = is_seen.reshape(lines_m.shape[:3])
-    for box in np.flatnonzero(inside.reshape(len(boxes), -1).any(axis=1)).tolist():
+    strips_px = ((pixels + 0.5) * scale).astype(np.float32)
+    for box in np.flatnonzero(in_view.any(axis=(1, 2))).tolist():
         for strip_px, seen in zip(strips_px[box], is_seen[box], strict=True):
             if np.count_nonzero(seen) > 1:
                 edges.strips_px.append(strip_px[seen])
