@@ -13,7 +13,7 @@ from upvl_cli.errors import BadSetting
 from upvl_cli.export.corrections import labels_digest
 from upvl_cli.export.drive import ExportDrive, Losses
 from upvl_cli.export.format import ExportFormat, ExportOptions
-from upvl_cli.export.gather import drive_with_boxes, labelled_segments, selected
+from upvl_cli.export.gather import SelectBoxes, drive_with_boxes, labelled_segments, selected
 from upvl_cli.export.hits import drives_of_hits
 from upvl_cli.export.manifest import NAMES
 from upvl_cli.export.run import export
@@ -122,30 +122,23 @@ def export_workspace(
         raise BadSetting(f"--names {choice.names}: expected {' or '.join(NAMES)}")
     segments = labelled_segments(workspace, choice.what, choice.filters.segments)
     moving_mps = load(QueryConfig, workspace.stages / "query.toml", {}).moving_mps
-    summary, losses = ExportSummary(), Losses()
+    summary = ExportSummary()
 
     def select(drive: ExportDrive) -> Bools:
         taken = choice.filters.mask(_Filterable(drive), moving_mps)
         if choice.classes:
             taken &= np.isin(drive.boxes.class_name, choice.classes)
-        summary.drives += 1
-        summary.frames += len(drive.frames)
-        summary.boxes += int(taken.sum())
         summary.left_out += int((~taken).sum())
         summary.corrected_drives += drive.deleted is not None
         return taken
 
     drives = (drive_with_boxes(workspace, name, choice.what, choice.names) for name in segments)
     digests = {name: labels_digest(workspace, name) for name in segments if choice.what != "detections"}
-    not_carried = export(
-        watch(selected(drives, select, losses), len(segments)),
-        fmt,
-        folder,
-        replace(options, digests=digests),
-        losses,
-    )
-    summary.not_carried = not_carried
-    return summary
+
+    def write(drives: Iterable[ExportDrive], losses: Losses) -> dict[str, int]:
+        return export(watch(drives, len(segments)), fmt, folder, replace(options, digests=digests), losses)
+
+    return _exported(drives, select, write, summary)
 
 
 def export_query(
@@ -175,16 +168,32 @@ def export_query(
     request = Request(classes, words, source, filters, sheet=False, check_spelling=True, values={})
     found = answer(workspace, request)
     hits = found.result.hits
-    summary, losses = ExportSummary(), Losses()
+    drives = drives_of_hits(workspace, found.source, hits, found.vocabulary.class_names)
 
-    def counted(drives: Iterable[ExportDrive]) -> Iterator[ExportDrive]:
-        for drive in drives:
+    def select(drive: ExportDrive) -> Bools:
+        return np.ones(len(drive.boxes), dtype=np.bool_)
+
+    def write(drives: Iterable[ExportDrive], losses: Losses) -> dict[str, int]:
+        return export(watch(drives, len(np.unique(hits.segment))), fmt, folder, options, losses)
+
+    return _exported(drives, select, write, ExportSummary())
+
+
+def _exported(
+    drives: Iterable[ExportDrive],
+    select: SelectBoxes,
+    write: Callable[[Iterable[ExportDrive], Losses], dict[str, int]],
+    summary: ExportSummary,
+) -> ExportSummary:
+    """Write the boxes that are taken, and return the summary with what was written and lost."""
+    losses = Losses()
+
+    def counted() -> Iterator[ExportDrive]:
+        for drive in selected(drives, select, losses):
             summary.drives += 1
             summary.frames += len(drive.frames)
             summary.boxes += len(drive.boxes)
             yield drive
 
-    drives = counted(drives_of_hits(workspace, found.source, hits, found.vocabulary.class_names))
-    alone = selected(drives, lambda drive: np.ones(len(drive.boxes), dtype=np.bool_), losses)
-    summary.not_carried = export(watch(alone, len(np.unique(hits.segment))), fmt, folder, options, losses)
+    summary.not_carried = write(counted(), losses)
     return summary
