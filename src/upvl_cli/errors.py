@@ -23,6 +23,10 @@ class NotMade(UpvlError):
     """A shard that is needed has not been made, or was made with other settings."""
 
 
+class StorageError(UpvlError):
+    """An object store did not do what was asked, after several attempts where another attempt can help."""
+
+
 def one_line(error: BaseException) -> str:
     """Return the message of an error without line breaks: what a user sees is one line."""
     return " ".join(str(error).split())

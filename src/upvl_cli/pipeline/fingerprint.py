@@ -11,6 +11,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from upvl_cli.errors import BadInput
+from upvl_cli.pipeline.storage.remote_path import RemotePath
 from upvl_cli.runtime.atomic import write_if_changed
 
 
@@ -58,7 +59,11 @@ def kept_digest(files: Sequence[Path], cache_path: Path) -> str:
     return found.digest
 
 
-def _state(path: Path) -> tuple[str, int, int, int]:
+def _state(path: Path) -> tuple[str, int, int, int] | tuple[str, str]:
+    return (str(path), path.version) if isinstance(path, RemotePath) else _state_on_disk(path)
+
+
+def _state_on_disk(path: Path) -> tuple[str, int, int, int]:
     found = path.stat()
     return os.path.abspath(path), found.st_size, found.st_mtime_ns, found.st_ctime_ns
 
@@ -74,7 +79,11 @@ def _cached_digest(cache_path: Path, state: str) -> str:
 def _digest(files: Sequence[Path]) -> str:
     digest = hashlib.sha256()
     for path in files:
-        digest.update(_content_digest(*_state(path)))
+        # The version of an object stands for its content, which would have to be fetched to be digested.
+        if isinstance(path, RemotePath):
+            digest.update(path.version.encode())
+        else:
+            digest.update(_content_digest(*_state_on_disk(path)))
         digest.update(path.name.encode("utf-8", "surrogateescape"))
     return digest.hexdigest()
 

@@ -9,10 +9,12 @@ from pathlib import Path
 
 from upvl_cli.errors import BadSetting, UpvlError
 from upvl_cli.pipeline.pipeline import AnyStage, Pipeline
+from upvl_cli.pipeline.preset_files import join_presets, preset_folder
 from upvl_cli.pipeline.runner import Made, Tick, claim_folder, make_shard
 from upvl_cli.pipeline.stage import WHOLE_DATASET
-from upvl_cli.pipeline.workspace import Workspace, join_presets, preset_folder
-from upvl_cli.runtime.atomic import write_if_changed
+from upvl_cli.pipeline.storage.remote_path import is_remote
+from upvl_cli.pipeline.workspace import Workspace
+from upvl_cli.runtime.atomic import atomic_file, write_if_changed
 
 
 def checked_preset(pipeline: Pipeline, stages: Path, name: str) -> str:
@@ -144,6 +146,10 @@ def _make_or_link(
 
 def _link(source: Path, target: Path) -> None:
     """Link a file under a second name, or copy it with its age where the file system has no links."""
+    if is_remote(target):
+        with atomic_file(target) as file:
+            file.write(source.read_bytes())
+        return
     # Not the name of a part that is written into: left behind by a kill, it would be the source itself.
     second = target.with_name(f".{target.name}.link")
     try:

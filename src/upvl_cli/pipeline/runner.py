@@ -22,6 +22,7 @@ from upvl_cli.pipeline.inputs import ShardInputs
 from upvl_cli.pipeline.pipeline import AnyStage, Pipeline
 from upvl_cli.pipeline.provenance import difference, is_of_settings
 from upvl_cli.pipeline.stage import NOT_MADE, WHOLE_DATASET, Row
+from upvl_cli.pipeline.storage.remote_path import is_remote
 from upvl_cli.pipeline.tables import read_footer, write
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.runtime.atomic import write_if_changed
@@ -163,6 +164,8 @@ def _fresh(workspace: Workspace, stage: AnyStage, segment: str) -> Made:
 
 def _not_older(path: Path, workspace: Workspace, stage: AnyStage, segment: str) -> None:
     """Give a fresh shard a time that make, which knows times only, takes for fresh, whatever the clocks say."""
+    if is_remote(path):  # out of the reach of make
+        return
     sources = [source for _, source in workspace.sources(stage, segment)]
     sources += [workspace.out / f"{stage.name}.{kind}" for kind in ("stamp", "files")]
     newest_ns = max(source.stat().st_mtime_ns for source in sources if source.exists())
@@ -225,6 +228,8 @@ def _check_inputs(workspace: Workspace, stage: AnyStage, segment: str, settings:
 
 def _log(workspace: Workspace, made: Made) -> None:
     """Keep how long a shard took, outside the shard: no clock in files that must be the same twice."""
+    if is_remote(workspace.out):
+        return
     line = json.dumps(
         {
             "stage": made.stage,

@@ -33,6 +33,7 @@ from upvl_cli.pipeline.packing import (
     unpack_frame_row,
 )
 from upvl_cli.pipeline.stage import Row
+from upvl_cli.pipeline.storage.remote_path import is_remote
 from upvl_cli.runtime.atomic import NotNeeded, atomic_file
 from upvl_cli.runtime.parallel import threads
 from upvl_cli.types import Ints
@@ -76,7 +77,7 @@ def write(
         UpvlError: The folder cannot be written or the disk is full.
     """
     schema = schema_of(row)
-    with atomic_file(path) as file:
+    with atomic_file(path, one_writer=True) as file:
         if not needed():
             raise NotNeeded
         digested = _DigestedFile(file)
@@ -236,10 +237,26 @@ class _FrameIndex:
 
 
 def _open(path: Path) -> pq.ParquetFile:
-    if not path.exists():
-        raise NotMade(f"{path} has not been made; run: make {path.parent.name}")
+    try:
+        source = _source(path)
+    except FileNotFoundError:
+        raise NotMade(f"{path} has not been made; run: make {path.parent.name}") from None
     with _damage_named(path):
-        return pq.ParquetFile(path, page_checksum_verification=True)
+        # Of an object the columns of a row group are fetched together.
+        return pq.ParquetFile(source, page_checksum_verification=True, pre_buffer=source is not path)
+
+
+def _source(path: Path) -> Path | IO[bytes]:
+    """Return what Arrow opens: a local file by its path; an object opened, of which only what is read is fetched.
+
+    Raises:
+        FileNotFoundError: It has not been made.
+    """
+    if is_remote(path):
+        return path.open("rb")
+    if not path.exists():
+        raise FileNotFoundError(path)
+    return path
 
 
 @contextlib.contextmanager
@@ -274,7 +291,7 @@ class Footer:
 def read_footer(path: Path) -> Footer | None:
     """Return the footer of a shard, or None where there is no whole shard."""
     try:
-        return _footer_of(pq.read_metadata(path))
+        return _footer_of(pq.read_metadata(_source(path)))
     except (OSError, pa.ArrowException):
         return None
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import contextlib
 import difflib
 import os
-import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import cached_property
@@ -15,20 +14,19 @@ from typing import TYPE_CHECKING, Any
 
 from upvl_cli.config.base import Config, setting, table
 from upvl_cli.config.corrections import CorrectionsConfig
-from upvl_cli.config.toml import load, merge, read_toml
+from upvl_cli.config.toml import load, merge
 from upvl_cli.errors import BadInput, BadSetting
 from upvl_cli.pipeline.fingerprint import Fingerprint, fingerprint, kept_digest
 from upvl_cli.pipeline.pipeline import AnyStage, Pipeline
+from upvl_cli.pipeline.preset_files import SAFE_NAME, preset_of, preset_values, split_presets
 from upvl_cli.pipeline.provenance import to_json
 from upvl_cli.pipeline.stage import NOT_MADE, WHOLE_DATASET, C, R, Stage
+from upvl_cli.pipeline.storage.location import location
 from upvl_cli.runtime.atomic import write_if_changed
 
 if TYPE_CHECKING:
     from upvl_cli.pipeline.tables import Table
     from upvl_cli.types import Dataset, Drive, Model
-
-# A segment becomes a file name and a word in make's rules: nothing that either could misread.
-SAFE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]*")
 
 
 @dataclass(frozen=True)
@@ -36,7 +34,10 @@ class RawConfig(Config):
     """Which drives: the settings in `stages/raw.toml`."""
 
     dataset: str = setting("name of the dataset adapter: how the drives are stored")
-    root: str = setting("folder of the drives, seen from where upvl is run; the dataset synthetic has none")
+    root: str = setting(
+        "folder of the drives, seen from where upvl is run, or its address in an object store, such as "
+        "s3://bucket/drives; the dataset synthetic has none"
+    )
     segments: tuple[str, ...] = setting("names of the drives to process; an empty list takes all of them")
     corrections: CorrectionsConfig = table(
         "what is wrong in what the drives say of themselves", CorrectionsConfig()
@@ -50,9 +51,6 @@ class VlmConfig(Config):
     model: str = setting("the model, with a colon before its weights where it needs some: clip:/models/b16")
 
 
-_AND = "+"  # between the names of presets
-
-
 class Workspace:
     """Where a run finds its settings and keeps its shards."""
 
@@ -62,15 +60,15 @@ class Workspace:
         Args:
             pipeline: The stages, datasets and models that the workspace can name.
             stages: Folder of the TOML files.
-            out: Folder of the shards; made when the first is written.
+            out: Folder of the shards, local or the address of one in an object store; made when the first is written.
             preset: Folder of `stages/presets` whose values stand over those of the TOML files; several are joined
                 by +, the later over the earlier; "" for none, and None for what the shards in `out` were last
                 made with.
         """
         self.pipeline = pipeline
         self.stages = stages
-        self.out = out
-        self.preset = _preset_of(out) if preset is None else preset
+        self.out = location(out)
+        self.preset = preset_of(self.out) if preset is None else preset
         self._settings: dict[str, Any] = {}
         self._drives: dict[str, Drive] = {}
         self._fingerprints: dict[str, Fingerprint] = {}
@@ -85,7 +83,7 @@ class Workspace:
         """The dataset that `raw.toml` names."""
         adapter = self.pipeline.dataset(self.raw.dataset)
         own = adapter.config and load(adapter.config, self.dataset_file)
-        return adapter.open(Path(self.raw.root).expanduser(), own)
+        return adapter.open(location(self.raw.root, of_drives=True), own)
 
     @property
     def dataset_file(self) -> Path:
@@ -156,7 +154,7 @@ class Workspace:
     @property
     def presets(self) -> list[str]:
         """The names of the presets, the later over the earlier."""
-        return self.preset.split(_AND) if self.preset else []
+        return split_presets(self.preset)
 
     def preset_file(self, preset: str, stage: AnyStage) -> Path | None:
         """Return the file with the values of a stage that a preset changes; None where it changes none."""
@@ -305,46 +303,3 @@ class Workspace:
         write_if_changed(path, self.raw_stamp(segment))
         write_if_changed(self._cache_path(segment), self._fingerprint(segment).cached)
         return path
-
-
-def preset_values(stages: Path, preset: str, stage: str) -> dict[str, object]:
-    """Return the values of a stage that a preset, or several, change; none where there is no file of that stage.
-
-    Raises:
-        BadSetting: There is no such preset, or the file is no TOML.
-    """
-    if _AND in preset:
-        values: dict[str, object] = {}
-        for part in preset.split(_AND):
-            values = merge(values, preset_values(stages, part, stage))
-        return values
-    path = preset_folder(stages, preset) / f"{stage}.toml"
-    return read_toml(path) if os.path.lexists(path) else {}
-
-
-def preset_folder(stages: Path, preset: str) -> Path:
-    """Return the folder of a preset.
-
-    Raises:
-        BadSetting: There is no such preset.
-    """
-    folder = stages / "presets" / preset
-    if not folder.is_dir():
-        raise BadSetting(
-            f"{folder} is missing; a preset is a folder with the values that differ, a TOML file a stage"
-        )
-    return folder
-
-
-def _preset_of(out: Path) -> str:
-    """Return the preset that the shards of a folder were last made with."""
-    try:
-        name = (out / "preset").read_text(encoding="utf-8").strip()
-    except (OSError, ValueError):
-        return ""
-    return name if all(SAFE_NAME.fullmatch(part) for part in name.split(_AND)) else ""
-
-
-def join_presets(presets: Iterable[str]) -> str:
-    """Return several presets as one, the later over the earlier."""
-    return _AND.join(presets)

@@ -10,7 +10,7 @@ import stat
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO
+from typing import IO, Protocol, cast
 
 from upvl_cli.errors import UpvlError, one_line
 
@@ -23,15 +23,30 @@ class NotNeeded(Exception):  # noqa: N818
     """Raised inside `atomic_file` to leave it without a file and without an error."""
 
 
+class WrittenWhole(Protocol):
+    """A path that is not of this machine, and knows itself how it is written whole."""
+
+    def write_whole(self, *, one_writer: bool) -> contextlib.AbstractContextManager[IO[bytes]]:
+        """Open a local file that becomes the object when the block ends well."""
+
+
 @contextlib.contextmanager
-def atomic_file(path: Path) -> Iterator[IO[bytes]]:
+def atomic_file(path: Path, *, one_writer: bool = False) -> Iterator[IO[bytes]]:
     """Open a binary file that appears at `path` only when the block ends well.
 
-    A second process that wants the same path waits until the first is done.
+    Args:
+        path: Where the file goes; the path of an object is written as that object.
+        one_writer: Whether, in an object store, a second process that wants the same path waits until the first is
+            done; on a file system it always does.
 
     Raises:
         UpvlError: The folder cannot be written or the disk is full.
     """
+    elsewhere = _elsewhere(path)
+    if elsewhere is not None:
+        with contextlib.suppress(NotNeeded), elsewhere.write_whole(one_writer=one_writer) as file:
+            yield file
+        return
     part = _part_of(path)
     for place in (path, part):
         if place.is_dir() and not place.is_symlink():
@@ -61,8 +76,8 @@ def atomic_path(path: Path) -> Iterator[Path]:
     Raises:
         UpvlError: The folder cannot be written or the disk is full.
     """
-    with atomic_file(path):
-        yield _part_of(path)
+    with atomic_file(path) as file:
+        yield _part_of(path) if _elsewhere(path) is None else Path(file.name)
 
 
 def write_if_changed(path: Path, text: str) -> bool:
@@ -74,6 +89,10 @@ def write_if_changed(path: Path, text: str) -> bool:
     with atomic_file(path) as file:
         file.write(content)
     return True
+
+
+def _elsewhere(path: Path) -> WrittenWhole | None:
+    return cast(WrittenWhole, path) if hasattr(path, "write_whole") else None
 
 
 def _part_of(path: Path) -> Path:

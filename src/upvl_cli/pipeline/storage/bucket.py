@@ -1,0 +1,243 @@
+"""The objects of one bucket: few operations, each made again after a fault of the connection or of the store."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+from upvl_cli.errors import StorageError
+from upvl_cli.pipeline.storage.connect import connect
+from upvl_cli.pipeline.storage.faults import Conflict, attempt
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_PART_BYTES = 8 * 2**20
+_STREAM_BYTES = 4 * 2**20
+
+
+@dataclass(frozen=True)
+class ObjectInfo:
+    """What a store says of an object.
+
+    Attributes:
+        size: Its bytes.
+        version: Changes whenever its content does: the entity tag of the store.
+        modified_s: Time of the last write, in seconds since 1970, by the clock of the store.
+    """
+
+    size: int
+    version: str
+    modified_s: float
+
+
+class Bucket:
+    """The objects of one bucket, by their keys."""
+
+    def __init__(self, scheme: str, name: str) -> None:
+        """Name the bucket; it is connected when the first object is asked for."""
+        self._scheme, self._name = scheme, name
+
+    def address(self, key: str) -> str:
+        """Return the full address of an object."""
+        return f"{self._scheme}://{self._name}/{key}"
+
+    @property
+    def _store(self) -> Any:
+        return connect(self._scheme, self._name)
+
+    def head(self, key: str) -> ObjectInfo | None:
+        """Return what the store says of an object; None where there is none."""
+        import obstore
+
+        store = self._store
+        try:
+            return _info(attempt(lambda: obstore.head(store, key), self.address(key), "looked at"))
+        except FileNotFoundError:
+            return None
+
+    def read(self, key: str, start: int, size: int, version: str) -> bytes:
+        """Return a range of an object.
+
+        Args:
+            key: The object.
+            start: First byte.
+            size: How many.
+            version: The version that the range belongs to.
+
+        Raises:
+            FileNotFoundError: There is no such object.
+            StorageError: The object has been replaced by another version meanwhile.
+        """
+        import obstore
+
+        store = self._store
+
+        def once() -> bytes:
+            found = obstore.get(store, key, options={"range": (start, start + size), "if_match": version})
+            return bytes(found.bytes())
+
+        try:
+            return attempt(once, self.address(key), "read")
+        except Conflict:
+            raise StorageError(f"{self.address(key)} was replaced while it was read; run again") from None
+
+    def read_whole(self, key: str) -> tuple[bytes, str]:
+        """Return a small object and its version.
+
+        Raises:
+            FileNotFoundError: There is no such object.
+        """
+        import obstore
+
+        store = self._store
+
+        def once() -> tuple[bytes, str]:
+            found = obstore.get(store, key)
+            return bytes(found.bytes()), str(found.meta["e_tag"])
+
+        return attempt(once, self.address(key), "read")
+
+    def download(self, key: str, file: IO[bytes]) -> ObjectInfo:
+        """Write an object into a file, and return what it is.
+
+        Raises:
+            FileNotFoundError: There is no such object.
+        """
+        import obstore
+
+        store = self._store
+
+        def once() -> ObjectInfo:
+            file.seek(0)
+            file.truncate()
+            found = obstore.get(store, key)
+            for part in found.stream(min_chunk_size=_STREAM_BYTES):
+                file.write(part)
+            info = _info(found.meta)
+            if file.tell() != info.size:
+                raise OSError(f"{file.tell()} of {info.size} bytes arrived")
+            return info
+
+        return attempt(once, self.address(key), "read")
+
+    def put(self, key: str, content: Path | bytes) -> str:
+        """Write an object, whole or not at all, over one that is there; return its version."""
+        import obstore
+
+        store = self._store
+        found = attempt(
+            lambda: obstore.put(store, key, content, chunk_size=_PART_BYTES), self.address(key), "written"
+        )
+        return str(found["e_tag"])
+
+    def put_if(self, key: str, content: bytes, version: str | None) -> str:
+        """Write a small object where none is there, or where the present one has that version; return the new version.
+
+        Raises:
+            Conflict: There is another one.
+        """
+        import obstore
+
+        store = self._store
+        mode: Any = "create" if version is None else {"e_tag": version}
+        try:
+            found = attempt(lambda: obstore.put(store, key, content, mode=mode), self.address(key), "written")
+            return str(found["e_tag"])
+        except FileNotFoundError:  # what was to be replaced is gone
+            raise Conflict from None
+
+    def delete(self, key: str) -> None:
+        """Delete an object; none is deleted where none is there."""
+        import obstore
+
+        store = self._store
+        try:
+            attempt(lambda: obstore.delete(store, key), self.address(key), "deleted")
+        except FileNotFoundError:
+            return
+
+    def children(self, prefix: str) -> tuple[list[str], dict[str, ObjectInfo]]:
+        """Return the names of the folders and the objects directly below a prefix.
+
+        Args:
+            prefix: Ends with a slash, or is empty.
+        """
+        import obstore
+
+        store = self._store
+        try:
+            found = attempt(
+                lambda: obstore.list_with_delimiter(store, prefix), self.address(prefix), "listed"
+            )
+        except FileNotFoundError:
+            return [], {}
+        folders = [str(path).rstrip("/").rpartition("/")[2] for path in found["common_prefixes"]]
+        objects = {str(item["path"]).rpartition("/")[2]: _info(item) for item in found["objects"]}
+        return folders, objects
+
+    def has_below(self, prefix: str) -> bool:
+        """Whether any object is below a prefix, which ends with a slash."""
+        import obstore
+
+        store = self._store
+        found = attempt(
+            lambda: next(iter(obstore.list(store, prefix, chunk_size=1)), ()), self.address(prefix), "listed"
+        )
+        return bool(found)
+
+    def keys(self, prefix: str) -> Iterator[str]:
+        """Yield the keys of all objects below a prefix, in order."""
+        for batch in self.batches(prefix):
+            yield from batch.column("path").to_pylist()
+
+    def batches(self, prefix: str, after: str | None = None) -> Iterator[pa.RecordBatch]:
+        """Yield all objects below a prefix in order of their keys, a few thousand at a time.
+
+        Args:
+            prefix: Ends with a slash, or is empty.
+            after: The key after which to begin; None begins with the first.
+
+        Yields:
+            Columns `path`, `last_modified`, `size`, `e_tag`.
+        """
+        import obstore
+        import pyarrow as pa
+
+        store = self._store
+        while True:
+            # After a fault the listing goes on behind the last key that arrived.
+            pages = iter(
+                attempt(
+                    lambda begin=after: obstore.list(  # type: ignore[misc]
+                        store, prefix, offset=begin, chunk_size=5000, return_arrow=True
+                    ),
+                    self.address(prefix),
+                    "listed",
+                )
+            )
+            page = attempt(lambda source=pages: next(source, None), self.address(prefix), "listed")  # type: ignore[misc]
+            while page is not None:
+                batch = pa.record_batch(page)
+                if batch.num_rows:
+                    yield batch
+                    after = str(batch.column("path")[-1])
+                try:
+                    page = next(pages, None)
+                except Exception:  # the stream is broken: a new one begins behind `after`
+                    break
+            else:
+                return
+
+
+@lru_cache(maxsize=64)
+def bucket_of(scheme: str, name: str) -> Bucket:
+    """Return the bucket of a scheme and a name."""
+    return Bucket(scheme, name)
+
+
+def _info(found: Any) -> ObjectInfo:
+    return ObjectInfo(int(found["size"]), str(found["e_tag"]), found["last_modified"].timestamp())
