@@ -58,6 +58,6 @@ def join_presets(presets: Iterable[str]) -> str:
     return _AND.join(presets)
 
 
-def split_presets(joined: str) -> list[str]:
+def split_presets(names: str) -> list[str]:
     """Return the names of presets that were joined, the later over the earlier."""
-    return joined.split(_AND) if joined else []
+    return names.split(_AND) if names else []
