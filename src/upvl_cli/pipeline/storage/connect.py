@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from datetime import timedelta
 from functools import lru_cache
 from pathlib import Path
@@ -16,8 +17,10 @@ if TYPE_CHECKING:
 SCHEMES = ("s3", "gs", "az")
 
 # The whole of a request, its body included: a part of a large object is 8 MiB, which a slow line needs a minute for.
-_TIMEOUT = timedelta(seconds=120)
+TIMEOUT_VARIABLE = "UPVL_STORE_TIMEOUT_S"
+_TIMEOUT_S = 120.0
 _CONNECT_TIMEOUT = timedelta(seconds=10)
+_ENDPOINT = re.compile(r"https?://[A-Za-z0-9.\[\]:-]+(/[A-Za-z0-9._~/-]*)?")
 
 
 @lru_cache(maxsize=64)
@@ -39,16 +42,17 @@ def connect(scheme: str, bucket: str) -> ObjectStore:
             f"{scheme}://{bucket} needs the package obstore; run: pip install 'upvl[storage]'"
         ) from None
     options: dict[str, Any] = {
-        "client_options": {"timeout": _TIMEOUT, "connect_timeout": _CONNECT_TIMEOUT},
+        "client_options": {"timeout": _timeout(), "connect_timeout": _CONNECT_TIMEOUT},
         "retry_config": {"max_retries": 2, "retry_timeout": timedelta(seconds=60)},
     }
+    endpoint = _endpoint() if scheme == "s3" else ""
     try:
         if scheme == "gs":
             return GCSStore(bucket, **options)
         if scheme == "az":
             return AzureStore(bucket, **options)
-        options["client_options"]["allow_http"] = _endpoint().startswith("http://")
-        return S3Store(bucket, **options, **_aws_options())
+        options["client_options"]["allow_http"] = endpoint.startswith("http://")
+        return S3Store(bucket, **options, **_aws_options(endpoint))
     except Exception as error:
         # The message of the library could hold a value of the environment.
         raise StorageError(
@@ -57,15 +61,39 @@ def connect(scheme: str, bucket: str) -> ObjectStore:
         ) from None
 
 
+def _timeout() -> timedelta:
+    text = os.environ.get(TIMEOUT_VARIABLE)
+    try:
+        seconds = _TIMEOUT_S if text is None else float(text)
+    except ValueError:
+        seconds = 0.0
+    if not 0.1 <= seconds <= 86400:
+        raise BadSetting(f"{TIMEOUT_VARIABLE} is {text!r}, expected seconds, a number from 0.1 to 86400")
+    return timedelta(seconds=seconds)
+
+
 def _endpoint() -> str:
-    return os.environ.get("AWS_ENDPOINT_URL_S3") or os.environ.get("AWS_ENDPOINT_URL") or ""
+    """Return the address of a store of one's own; "" for Amazon's.
+
+    Raises:
+        BadSetting: It is no address. It is not shown: it could hold a password.
+    """
+    for variable in ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL"):
+        text = os.environ.get(variable)
+        if text and not _ENDPOINT.fullmatch(text):
+            raise BadSetting(
+                f"{variable} is no address of a store; expected https://host or http://host:port"
+            )
+        if text:
+            return text
+    return ""
 
 
-def _aws_options() -> dict[str, Any]:
+def _aws_options(endpoint: str) -> dict[str, Any]:
     """Return the region, the address and, where keys stand in a profile, what reads them."""
     found: dict[str, Any] = {}
-    if _endpoint():
-        found["endpoint"] = _endpoint()
+    if endpoint:
+        found["endpoint"] = endpoint
         # Names of buckets in the path of the address: what stores of one's own understand.
         found["virtual_hosted_style_request"] = False
     if os.environ.get("AWS_ACCESS_KEY_ID") or not _has_profiles():
