@@ -108,6 +108,7 @@ class FaultyProxy:
     def __init__(self, server_port: int, *, seed: int, share: float, faults: Sequence[str] = FAULTS) -> None:
         self.port = free_port()
         self.injected: Counter[str] = Counter()
+        self.requests = 0
         self._server_port, self._share, self._faults = server_port, share, faults
         self._random, self._lock = random.Random(seed), threading.Lock()
         proxy = self
@@ -137,6 +138,7 @@ class FaultyProxy:
 
     def _choose(self) -> str:
         with self._lock:
+            self.requests += 1
             if self._random.random() >= self._share:
                 return ""
             fault = self._random.choice(list(self._faults))

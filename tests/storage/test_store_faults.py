@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import random
+import subprocess
+import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
-from command import make_workspace, upvl
+from command import ENVIRONMENT, make_workspace, upvl
 from object_store import FAULTS, KEY, SECRET, FaultyProxy, Server, free_port, use_store, variables_of
 from upvl_cli.errors import StorageError
 from upvl_cli.pipeline.storage import faults, lease
@@ -84,6 +86,12 @@ def test_no_secret_is_in_what_a_run_leaves_or_says(server: Server, tmp_path: Pat
         assert failed.returncode == 2, failed.stderr
         assert len(failed.stderr.strip().splitlines()) == 1, failed.stderr
         texts += [failed.stdout, failed.stderr]
+    program = "from upvl_cli.pipeline.storage.location import location; location('s3://drives/x').bucket.put('k', object())"
+    bug = subprocess.run(
+        [sys.executable, "-c", program], env={**ENVIRONMENT, **variables}, capture_output=True, text=True
+    )
+    assert "Traceback" in bug.stderr  # a fault of ours keeps its traceback
+    texts.append(bug.stderr)
     for text in texts:
         assert SECRET not in text and KEY not in text
     for path in tmp_path.rglob("*"):
