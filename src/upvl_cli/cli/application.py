@@ -25,7 +25,30 @@ OneFrame = Annotated[int | None, typer.Option(help="The frame; the middle one wh
 DryRun = Annotated[
     bool, typer.Option("--dry-run", help="Foretell the size of the shards from a few frames, and make none.")
 ]
-Workers = Annotated[int, typer.Option(min=1, help="Processes that share the drives between them.")]
+Workers = Annotated[
+    int,
+    typer.Option(
+        min=1, help="Processes that share the drives between them: N is the same as --on processes:N."
+    ),
+]
+On = Annotated[
+    str | None,
+    typer.Option(
+        "--on",
+        metavar="EXECUTOR",
+        help="Where the shards are made. serial: in this process; processes:N: in N processes of this machine; ray, "
+        "ray://HOST:PORT: on a Ray cluster; slurm: as jobs of a SLURM queue. Without it: in this process.",
+    ),
+]
+ShardOption = Annotated[
+    str | None,
+    typer.Option(
+        "--shard",
+        metavar="I/N",
+        help="Only every N-th drive of the sorted list from the I-th on, counted from 1: the share of one of N "
+        "processes that a batch system starts.",
+    ),
+]
 
 
 def _print_version(asked: bool) -> None:

@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from upvl_cli.cli.application import Segments, Workers, app
+from upvl_cli.cli.application import On, Segments, ShardOption, Workers, app
 from upvl_cli.cli.check import Anyway, check_first
-from upvl_cli.cli.run import run_stages
+from upvl_cli.cli.run import RunOptions, run_stages
 from upvl_cli.errors import BadSetting
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.stages import STAGES
@@ -34,6 +34,8 @@ def autolabel(
     ] = True,
     segment: Segments = None,
     workers: Workers = 1,
+    on: On = None,
+    shard: ShardOption = None,
     anyway: Anyway = False,
 ) -> None:
     """Check the drives quickly, then label them: all stages that make labels in order, then a summary."""
@@ -43,9 +45,14 @@ def autolabel(
 
     preset = MOVING_ONLY if moving_only else "" if pictures else WITHOUT_WORDS
     context.obj = with_preset(context.obj, preset, context.obj.pipeline.labelling_stages)
-    check_first(context.obj, segment, anyway=anyway)
-    run_stages(context.obj, context.obj.pipeline.labelling_stages, segment, workers=workers, overrides={})
-    summary(context, segment)
+    options = RunOptions(segment, workers, on, shard)
+    options.executor()  # a misspelt one is refused before the drives are checked
+    chosen = options.chosen(context.obj)
+    if chosen:
+        check_first(context.obj, chosen, anyway=anyway)
+    run_stages(context.obj, context.obj.pipeline.labelling_stages, options, {})
+    if chosen:
+        summary(context, segment if shard is None else chosen)
 
 
 @app.command()
