@@ -16,7 +16,7 @@ from upvl_cli.pipeline.runner import Made, Tick, make_shard
 from upvl_cli.pipeline.stage import WHOLE_DATASET
 from upvl_cli.pipeline.workspace import Workspace
 
-# A job whose process died that often is given up: a drive that needs more memory than there is kills each of them.
+# A job whose processes died that often at one shard is given up: too little memory for a drive kills all of them.
 ATTEMPTS = 4
 
 
@@ -172,13 +172,13 @@ def run_job(
             return
 
 
-def lost_job(job: Job, cause: str, remedy: str) -> Failed:
-    """Return the failure of a job whose workers died again and again.
+def lost_job(segment: str, stage: str, cause: str, remedy: str) -> Failed:
+    """Return the failure of a job whose workers died again and again at the same shard.
 
     Args:
-        job: The job.
+        segment: The drive.
+        stage: The stage that they had begun with.
         cause: What became of its workers, such as "its process was killed".
         remedy: What the user can do.
     """
-    error = UpvlError(f"{job.segment}: {cause} {ATTEMPTS} times in {', '.join(job.stages)}; {remedy}")
-    return Failed(job.stages[0], job.segment, error)
+    return Failed(stage, segment, UpvlError(f"{stage}: {cause} {ATTEMPTS} times in {segment}; {remedy}"))

@@ -30,9 +30,22 @@ def choose(text: str) -> Executor:
         return SerialExecutor()
     if name == PROCESSES:
         return ProcessExecutor(_workers(text, rest) if has_colon else threads())
+    if name == RAY:
+        from upvl_cli.pipeline.executors.ray_cluster import RayExecutor
+
+        return RayExecutor(_address(text, has_colon, rest))
     close = difflib.get_close_matches(name, (SERIAL, PROCESSES, RAY, SLURM), n=1)
     hint = f"; did you mean {close[0]}?" if close and close[0] != text else ""
     raise BadSetting(f"--on {text!r}: expected {FORMS}{hint}")
+
+
+def _address(text: str, has_colon: str, rest: str) -> str | None:
+    host, _, port = rest.removeprefix("//").rpartition(":")
+    if not has_colon:
+        return None
+    if not (rest.startswith("//") and host and port.isascii() and port.isdigit()):
+        raise BadSetting(f"--on {text!r}: expected ray, or the address of a cluster such as ray://head:10001")
+    return text
 
 
 def _workers(text: str, number: str) -> int:

@@ -70,11 +70,12 @@ def _preceded(first: Job, jobs: Iterator[Job]) -> Iterator[Job]:
 
 @dataclass
 class _Worker:
-    """A process, this end of the pipe to it, and the job that it has."""
+    """A process, this end of the pipe to it, the job that it has and the stage that it is at."""
 
     process: BaseProcess
     pipe: Connection
     job: Job
+    stage: str = ""
 
 
 class _Pool:
@@ -112,12 +113,10 @@ class _Pool:
                     if deaths[worker.job] < ATTEMPTS:
                         again.append(worker.job)
                     else:
-                        yield lost_job(
-                            worker.job, "its process was killed", "run it with fewer --workers, or where more "
-                            "memory is free"
-                        )  # fmt: skip
+                        yield _lost(worker)
                     continue
                 if isinstance(event, (Made, Failed)):
+                    del deaths[worker.job]  # those that died came this far at least
                     yield event
                 else:
                     self._note(worker, event)
@@ -129,6 +128,7 @@ class _Pool:
         elif isinstance(event, int):
             self._watch.tick(event)
         elif isinstance(event, Started):
+            worker.stage = event.stage
             self._watch.started(event)
         elif isinstance(event, BaseException):
             raise event
@@ -141,7 +141,7 @@ class _Pool:
             except OSError:  # killed while it had nothing to do
                 self._end(worker)
                 continue
-            worker.job = job
+            worker.job, worker.stage = job, ""
             self._busy[worker.pipe] = worker
             return
         self._started += 1
@@ -174,6 +174,12 @@ class _Pool:
             worker.process.join(max(0.0, end_s - time.monotonic()))
             if worker.process.is_alive():
                 worker.process.kill()
+
+
+def _lost(worker: _Worker) -> Failed:
+    remedy = "run it with fewer --workers, or where more memory is free"
+    stage = worker.stage or worker.job.stages[0]
+    return lost_job(worker.job.segment, stage, "its process was killed", remedy)
 
 
 class _Reporter:
