@@ -103,7 +103,6 @@ def test_a_lost_node_loses_no_drive(tmp_path: Path, cluster: Any, expected: dict
                 for node in list(cluster.worker_nodes):
                     cluster.remove_node(node, allow_graceful=False)
 
-    # What hangs on the head would hang for ever: it takes no task here.
     run(workspace, RayExecutor(None), NodeKiller())
     assert extra not in cluster.worker_nodes
     assert numbered_shards(workspace) == expected

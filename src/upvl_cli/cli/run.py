@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -23,12 +24,26 @@ class RunOptions:
         workers: The value of `--workers`.
         on: The value of `--on`; None without one.
         shard: The value of `--shard`; None without one.
+        slurm: The value of `--slurm`.
+        dry_run: Whether `--dry-run` was given.
     """
 
     segments: Sequence[str] | None
     workers: int = 1
     on: str | None = None
     shard: str | None = None
+    slurm: str = ""
+    dry_run: bool = False
+
+    @property
+    def prints_script(self) -> bool:
+        """Whether the script of a queue is asked for, and no run."""
+        return self.dry_run and self.is_queued
+
+    @property
+    def is_queued(self) -> bool:
+        """Whether a queue runs the command, in shares."""
+        return self.on is not None and self.on.partition(":")[0] == "slurm"
 
     def chosen(self, workspace: Workspace) -> list[str]:
         """Return the drives to work on; none where this share has none.
@@ -54,13 +69,17 @@ class RunOptions:
         from upvl_cli.pipeline.executors.choose import choose
         from upvl_cli.pipeline.executors.processes import ProcessExecutor
 
+        if self.slurm and not self.is_queued:
+            raise BadSetting(f"--slurm {self.slurm}: goes with --on slurm")
         if self.on is None:
             return ProcessExecutor(self.workers)
         if self.workers != 1:
             raise BadSetting(
                 f"--workers {self.workers} with --on {self.on}: give one of them; see: --on processes:8"
             )
-        return choose(self.on)
+        if self.shard is not None and self.is_queued:
+            raise BadSetting(f"--shard {self.shard} with --on {self.on}: a queue makes shares of its own")
+        return choose(self.on, sys.argv[1:], self.slurm)
 
 
 def run_stages(
@@ -70,6 +89,9 @@ def run_stages(
     from upvl_cli.cli.progress import Progress
     from upvl_cli.pipeline.executors.run import run_all
 
+    if options.prints_script:
+        print_script(workspace, stages, options)
+        return
     executor = options.executor()
     chosen = options.chosen(workspace)
     if not chosen:
@@ -80,3 +102,13 @@ def run_stages(
             workspace, stages, chosen, overrides=overrides, executor=executor, watch=progress
         ):
             progress.done(made)
+
+
+def print_script(workspace: Workspace, stages: Sequence[AnyStage], options: RunOptions) -> None:
+    """Print the script of the job array that would be submitted."""
+    from upvl_cli.pipeline.executors.base import Work
+    from upvl_cli.pipeline.executors.choose import queue_command
+    from upvl_cli.pipeline.executors.slurm_queue import script_of
+
+    command = queue_command(options.on or "", sys.argv[1:], options.slurm)
+    print(script_of(command, Work(workspace, tuple(stages), options.chosen(workspace), {})), end="")

@@ -10,7 +10,7 @@ from typing import Annotated, Any, get_args, get_origin
 import typer
 from typer.core import TyperCommand
 
-from upvl_cli.cli.application import DryRun, On, Segments, ShardOption, Workers, app
+from upvl_cli.cli.application import DryRun, On, ScriptOnly, Segments, ShardOption, Slurm, Workers, app
 from upvl_cli.cli.run import RunOptions, run_stages
 from upvl_cli.config.base import Setting, settings_of
 from upvl_cli.errors import BadSetting, UpvlError
@@ -65,6 +65,7 @@ def _command_of(stage: AnyStage) -> Callable[..., None]:
         dry_run: bool = False,
         on: str | list[str] | None = None,
         shard: str | None = None,
+        slurm: str = "",
         preset: str | None = None,
         **values: Any,
     ) -> None:
@@ -76,8 +77,10 @@ def _command_of(stage: AnyStage) -> Callable[..., None]:
         made, where = _objects_and_place(on, stage, overrides) if isinstance(on, list) else (stage, on)
         if made is not stage:
             overrides = {}
-        options = RunOptions(segment, workers, where, shard)
-        if dry_run:
+        options = RunOptions(segment, workers, where, shard, slurm, dry_run)
+        if dry_run and not options.prints_script:
+            if not stage.estimates_size:
+                raise BadSetting("--dry-run prints the script of a queue: give it with --on slurm")
             print_sizes(context.obj, stage, options.chosen(context.obj), overrides)
         else:
             run_stages(context.obj, [made], options, overrides)
@@ -85,8 +88,7 @@ def _command_of(stage: AnyStage) -> Callable[..., None]:
     fixed: list[tuple[str, Any, Any]] = [("context", typer.Context, inspect.Parameter.empty)]
     if not stage.is_of_dataset:
         fixed += [("segment", Segments, None), ("workers", Workers, 1), ("shard", ShardOption, None)]
-    if stage.estimates_size:
-        fixed.append(("dry_run", DryRun, False))
+    fixed += [("dry_run", DryRun if stage.estimates_size else ScriptOnly, False), ("slurm", Slurm, "")]
     if stage.name == "train":
         fixed.append(("preset", Annotated[str | None, _PRESET], None))
     if stage.name == "detect":
