@@ -20,6 +20,7 @@ from upvl_cli.pipeline.executors.slurm_options import SlurmOptions, array_script
 from upvl_cli.pipeline.executors.slurm_task import run_command
 from upvl_cli.pipeline.runner import Made, state
 from upvl_cli.pipeline.stage import WHOLE_DATASET
+from upvl_cli.pipeline.storage.remote_path import is_remote
 from upvl_cli.runtime.parallel import threads
 
 _POLL_S = 5.0  # a queue is asked for its jobs that often
@@ -96,7 +97,7 @@ def script_of(command: QueueCommand, work: Work) -> str:
 
 def _queue_folder(out: Path) -> Path:
     """Return where a queue keeps its files: beside the shards, or in the current folder where those are remote."""
-    return (out if out.is_dir() and type(out) is type(Path()) else Path(os.getcwd())) / "slurm"
+    return (Path(os.getcwd()) if is_remote(out) else out) / "slurm"
 
 
 class _Queue:
@@ -190,15 +191,15 @@ class _Queue:
 
 
 class _LogReader:
-    """The shards that are written to the run log of a local folder from now on."""
+    """The shards that are written to the run log of a local folder from now on; none of an object store's."""
 
     def __init__(self, out: Path) -> None:
-        self._path = out / "runs.jsonl"
-        self._read = self._path.stat().st_size if self._path.is_file() else 0
+        self._path = None if is_remote(out) else out / "runs.jsonl"
+        self._read = self._path.stat().st_size if self._path and self._path.is_file() else 0
 
     def new_shards(self) -> Iterator[Made]:
         """Yield the shards that were made since the last call."""
-        if not self._path.is_file():
+        if self._path is None or not self._path.is_file():
             return
         with self._path.open("rb") as file:
             file.seek(self._read)
