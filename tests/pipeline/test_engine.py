@@ -14,9 +14,10 @@ import pytest
 
 from upvl_cli.config.base import Config, setting
 from upvl_cli.errors import BadSetting, OutOfMemory
+from upvl_cli.pipeline.executors.run import run_all
 from upvl_cli.pipeline.make_rules import rules
 from upvl_cli.pipeline.pipeline import Pipeline
-from upvl_cli.pipeline.runner import Made, make_shard, run_all, state
+from upvl_cli.pipeline.runner import Made, make_shard, state
 from upvl_cli.pipeline.stage import WHOLE_DATASET, Inputs, Row, Stage, column
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.types import Array, Frame, Points
@@ -134,7 +135,7 @@ def workspace(tmp_path: Path) -> Workspace:
 
 
 def run(workspace: Workspace) -> list[Made]:
-    made = run_all(workspace, TOY.stages, workspace.segments, overrides={}, workers=1, tick=lambda: None)
+    made = run_all(workspace, TOY.stages, workspace.segments, overrides={})
     return [shard for shard in made if not shard.fresh]
 
 

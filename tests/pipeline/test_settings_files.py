@@ -14,9 +14,10 @@ import pytest
 
 from upvl_cli.config.base import Config, setting
 from upvl_cli.errors import BadSetting
+from upvl_cli.pipeline.executors.run import run_all
 from upvl_cli.pipeline.make_rules import rules
 from upvl_cli.pipeline.pipeline import Pipeline
-from upvl_cli.pipeline.runner import run_all, state
+from upvl_cli.pipeline.runner import state
 from upvl_cli.pipeline.stage import Inputs, Row, Stage, column
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.types import Array, Frame
@@ -113,9 +114,7 @@ def opened(root: Path) -> Workspace:
 
 def made(root: Path) -> list[tuple[str, str]]:
     workspace = opened(root)
-    shards = run_all(
-        workspace, PIPELINE.stages, workspace.segments, overrides={}, workers=1, tick=lambda: None
-    )
+    shards = run_all(workspace, PIPELINE.stages, workspace.segments, overrides={})
     return [(shard.stage, shard.segment) for shard in shards if not shard.fresh]
 
 

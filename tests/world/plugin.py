@@ -18,6 +18,15 @@ def _open(root: Path, config: None) -> Streets:
 FAMILY = DatasetFamily(_open)
 
 
+def _open_many(root: Path, config: None) -> Streets:
+    """Return as many streets as the name of the folder has, each of so many frames: 60x3."""
+    number, _, frames = root.name.partition("x")
+    return Streets(frames=int(frames), seeds=tuple(range(int(number))))
+
+
+MANY = DatasetFamily(_open_many)
+
+
 def labels(root: Path, dataset: Any) -> StreetLabels:
     """Return the exact boxes of the streets."""
     return StreetLabels()

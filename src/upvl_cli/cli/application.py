@@ -23,9 +23,49 @@ Segments = Annotated[
 OneSegment = Annotated[str | None, typer.Argument(help="The drive; all of them when left out.")]
 OneFrame = Annotated[int | None, typer.Option(help="The frame; the middle one when left out.")]
 DryRun = Annotated[
-    bool, typer.Option("--dry-run", help="Foretell the size of the shards from a few frames, and make none.")
+    bool,
+    typer.Option(
+        "--dry-run",
+        help="Estimate the size of the shards from a few frames, and make none; with --on slurm, print the script of "
+        "the job array, and submit nothing.",
+    ),
 ]
-Workers = Annotated[int, typer.Option(min=1, help="Processes that share the drives between them.")]
+ScriptOnly = Annotated[
+    bool, typer.Option("--dry-run", help="Print the script of --on slurm, and submit nothing.")
+]
+Workers = Annotated[
+    int,
+    typer.Option(
+        min=1, help="Processes that share the drives between them: N is the same as --on processes:N."
+    ),
+]
+On = Annotated[
+    str | None,
+    typer.Option(
+        "--on",
+        metavar="EXECUTOR",
+        help="Where the shards are made. serial: in this process; processes:N: in N processes of this machine; ray, "
+        "ray://HOST:PORT: on a Ray cluster; slurm: as jobs of a SLURM queue. Without it: in this process.",
+    ),
+]
+Slurm = Annotated[
+    str,
+    typer.Option(
+        "--slurm",
+        metavar="NAME=VALUE,...",
+        help="What each task of --on slurm asks for: partition, account and qos by name, time in minutes, memory in "
+        "GiB, cpus, gpus, and tasks, the most of the array; such as partition=gpu,time=120.",
+    ),
+]
+ShardOption = Annotated[
+    str | None,
+    typer.Option(
+        "--shard",
+        metavar="I/N",
+        help="Only every N-th drive of the sorted list from the I-th on, counted from 1: the share of one of N "
+        "processes that a batch system starts.",
+    ),
+]
 
 
 def _print_version(asked: bool) -> None:

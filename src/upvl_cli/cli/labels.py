@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from upvl_cli.cli.application import Segments, Workers, app
+from upvl_cli.cli.application import On, ScriptOnly, Segments, ShardOption, Slurm, Workers, app
 from upvl_cli.cli.check import Anyway, check_first
-from upvl_cli.cli.run import run_stages
+from upvl_cli.cli.run import RunOptions, print_script, run_stages
 from upvl_cli.errors import BadSetting
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.stages import STAGES
@@ -34,6 +34,10 @@ def autolabel(
     ] = True,
     segment: Segments = None,
     workers: Workers = 1,
+    on: On = None,
+    shard: ShardOption = None,
+    slurm: Slurm = "",
+    dry_run: ScriptOnly = False,
     anyway: Anyway = False,
 ) -> None:
     """Check the drives quickly, then label them: all stages that make labels in order, then a summary."""
@@ -43,9 +47,19 @@ def autolabel(
 
     preset = MOVING_ONLY if moving_only else "" if pictures else WITHOUT_WORDS
     context.obj = with_preset(context.obj, preset, context.obj.pipeline.labelling_stages)
-    check_first(context.obj, segment, anyway=anyway)
-    run_stages(context.obj, context.obj.pipeline.labelling_stages, segment, workers=workers, overrides={})
-    summary(context, segment)
+    options = RunOptions(segment, workers, on, shard, slurm, dry_run)
+    if options.prints_script:
+        print_script(context.obj, context.obj.pipeline.labelling_stages, options)
+        return
+    if dry_run:
+        raise BadSetting("--dry-run prints the script of a queue: give it with --on slurm")
+    options.executor()  # a misspelt one is refused before the drives are checked
+    chosen = options.chosen(context.obj)
+    if chosen and not options.is_queued:  # each task of a queue checks its own share
+        check_first(context.obj, chosen, anyway=anyway)
+    run_stages(context.obj, context.obj.pipeline.labelling_stages, options, {})
+    if chosen:
+        summary(context, segment if shard is None else chosen)
 
 
 @app.command()

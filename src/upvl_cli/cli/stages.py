@@ -10,8 +10,8 @@ from typing import Annotated, Any, get_args, get_origin
 import typer
 from typer.core import TyperCommand
 
-from upvl_cli.cli.application import DryRun, Segments, Workers, app
-from upvl_cli.cli.run import run_stages
+from upvl_cli.cli.application import DryRun, On, ScriptOnly, Segments, ShardOption, Slurm, Workers, app
+from upvl_cli.cli.run import RunOptions, run_stages
 from upvl_cli.config.base import Setting, settings_of
 from upvl_cli.errors import BadSetting, UpvlError
 from upvl_cli.pipeline.pipeline import AnyStage
@@ -25,7 +25,8 @@ _PRESET = typer.Option(
 )
 _ON = typer.Option(
     help=f"Whose objects to write. {DETECTOR}: run the trained detector. {LABELS}: copy the auto labels with the "
-    "features of their points, which needs no training."
+    "features of their points, which needs no training. Can be given a second time, to say where the shards are made: "
+    "serial, processes:N, ray, ray://HOST:PORT or slurm."
 )
 
 
@@ -62,7 +63,9 @@ def _command_of(stage: AnyStage) -> Callable[..., None]:
         segment: list[str] | None = None,
         workers: int = 1,
         dry_run: bool = False,
-        on: str = DETECTOR,
+        on: str | list[str] | None = None,
+        shard: str | None = None,
+        slurm: str = "",
         preset: str | None = None,
         **values: Any,
     ) -> None:
@@ -71,22 +74,27 @@ def _command_of(stage: AnyStage) -> Callable[..., None]:
             from upvl_cli.pipeline.presets import with_preset
 
             context.obj = with_preset(context.obj, preset, [stage])
-        if on != DETECTOR:
-            run_stages(context.obj, [_copy_of_labels(on, overrides)], segment, workers=workers, overrides={})
-        elif dry_run:
-            print_sizes(context.obj, stage, segment, overrides)
+        made, where = _objects_and_place(on, stage, overrides) if isinstance(on, list) else (stage, on)
+        if made is not stage:
+            overrides = {}
+        options = RunOptions(segment, workers, where, shard, slurm, dry_run)
+        if dry_run and not options.prints_script:
+            if not stage.estimates_size:
+                raise BadSetting("--dry-run prints the script of a queue: give it with --on slurm")
+            print_sizes(context.obj, stage, options.chosen(context.obj), overrides)
         else:
-            run_stages(context.obj, [stage], segment, workers=workers, overrides=overrides)
+            run_stages(context.obj, [made], options, overrides)
 
     fixed: list[tuple[str, Any, Any]] = [("context", typer.Context, inspect.Parameter.empty)]
     if not stage.is_of_dataset:
-        fixed += [("segment", Segments, None), ("workers", Workers, 1)]
-    if stage.estimates_size:
-        fixed.append(("dry_run", DryRun, False))
+        fixed += [("segment", Segments, None), ("workers", Workers, 1), ("shard", ShardOption, None)]
+    fixed += [("dry_run", DryRun if stage.estimates_size else ScriptOnly, False), ("slurm", Slurm, "")]
     if stage.name == "train":
         fixed.append(("preset", Annotated[str | None, _PRESET], None))
     if stage.name == "detect":
-        fixed.append(("on", Annotated[str, _ON], DETECTOR))
+        fixed.append(("on", Annotated[list[str] | None, _ON], None))
+    else:
+        fixed.append(("on", On, None))
     options = [("_".join(spec.path), _option_type(spec) | None, _option(spec)) for spec in declared]
     command.__name__ = stage.name
     command.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
@@ -98,13 +106,22 @@ def _command_of(stage: AnyStage) -> Callable[..., None]:
     return command
 
 
-def _copy_of_labels(on: str, overrides: Mapping[str, object]) -> AnyStage:
-    """Return the stage that gives what `detect` gives, of the auto labels, before any training."""
-    if on != LABELS:
-        raise BadSetting(f"--on {on!r}: expected {DETECTOR} or {LABELS}")
-    if overrides:
+def _objects_and_place(
+    on: Sequence[str], detect: AnyStage, overrides: Mapping[str, object]
+) -> tuple[AnyStage, str | None]:
+    """Return the stage that writes the objects that `detect --on` asks for, and where its shards are made."""
+    from upvl_cli.pipeline.executors.choose import FORMS, is_executor
+
+    places = [value for value in on if is_executor(value)]
+    objects = [value for value in on if not is_executor(value)]
+    if len(places) > 1 or len(objects) > 1:
+        raise BadSetting(f"--on {' --on '.join(on)}: expected whose objects once, and where to work once")
+    for value in objects:
+        if value not in (DETECTOR, LABELS):
+            raise BadSetting(f"--on {value!r}: expected {DETECTOR} or {LABELS}, or where to work: {FORMS}")
+    if overrides and objects == [LABELS]:
         raise BadSetting(f"--on {LABELS} takes no settings: it copies the auto labels as they are")
-    return pool_features.STAGE
+    return pool_features.STAGE if objects == [LABELS] else detect, places[0] if places else None
 
 
 def nested(values: Mapping[str, object], declared: Sequence[Setting]) -> dict[str, object]:

@@ -3,30 +3,25 @@
 from __future__ import annotations
 
 import json
-import multiprocessing
 import os
 import resource
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
-from itertools import groupby
 from pathlib import Path
 
 from upvl_cli.config.base import Config
 from upvl_cli.errors import BadSetting, NotMade, OutOfMemory, UpvlError
 from upvl_cli.pipeline.inputs import ShardInputs
-from upvl_cli.pipeline.pipeline import AnyStage, Pipeline
+from upvl_cli.pipeline.pipeline import AnyStage
 from upvl_cli.pipeline.provenance import difference, is_of_settings
 from upvl_cli.pipeline.stage import NOT_MADE, WHOLE_DATASET, Row
 from upvl_cli.pipeline.storage.remote_path import is_remote
 from upvl_cli.pipeline.tables import read_footer, write
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.runtime.atomic import write_if_changed
-from upvl_cli.runtime.parallel import THREADS_VARIABLE, prepare_worker, threads
+from upvl_cli.runtime.parallel import THREADS_VARIABLE
 
 Tick = Callable[[], None]
 
@@ -244,104 +239,3 @@ def _log(workspace: Workspace, made: Made) -> None:
             file.write(line + "\n")
     except OSError as error:
         raise UpvlError(f"cannot write {workspace.out / 'runs.jsonl'}: {error.strerror}") from error
-
-
-def run_all(
-    workspace: Workspace,
-    stages: Sequence[AnyStage],
-    segments: Sequence[str],
-    *,
-    overrides: Mapping[str, object],
-    workers: int,
-    tick: Tick,
-) -> Iterator[Made]:
-    """Run stages, in order, on each segment; yields as shards are made.
-
-    Args:
-        workspace: The workspace of the shards.
-        stages: The stages to run, each after those it reads.
-        segments: Names of the drives.
-        overrides: Values of the command line, for a single stage.
-        workers: Processes to run segments in; 1 stays in this one.
-        tick: Called after each frame, in this process only.
-    """
-    settings = {stage.name: claim_folder(workspace, stage, overrides) for stage in stages}
-    failures: dict[str, UpvlError] = {}
-    for is_of_dataset, group in groupby(stages, key=lambda stage: stage.is_of_dataset):
-        same_scope = list(group)
-        left = (
-            [WHOLE_DATASET] if is_of_dataset else [segment for segment in segments if segment not in failures]
-        )
-        if is_of_dataset:
-            for stage in same_scope:
-                yield make_shard(workspace, stage, WHOLE_DATASET, settings[stage.name], tick)
-        elif workers == 1 or len(left) == 1:
-            for segment in left:
-                try:
-                    for stage in same_scope:
-                        yield make_shard(workspace, stage, segment, settings[stage.name], tick)
-                except UpvlError as error:
-                    failures[segment] = error
-        elif left:
-            yield from _in_processes(workspace, same_scope, left, settings, min(workers, len(left)), failures)
-    _raise_failures(failures, len(segments))
-
-
-def _raise_failures(failures: Mapping[str, UpvlError], segments: int) -> None:
-    """Raise the errors of drives that failed, after the others have been made."""
-    if segments == 1 and failures:
-        raise next(iter(failures.values()))
-    if failures:
-        reasons = "; ".join(f"{segment}: {error}" for segment, error in sorted(failures.items()))
-        raise UpvlError(f"{len(failures)} of {segments} drives failed, the others are done. {reasons}")
-
-
-def _in_processes(
-    workspace: Workspace,
-    stages: Sequence[AnyStage],
-    segments: Sequence[str],
-    settings: Mapping[str, Config],
-    workers: int,
-    failures: dict[str, UpvlError],
-) -> Iterator[Made]:
-    names = [stage.name for stage in stages]
-    cores = max(1, threads() // workers)
-    place = (workspace.pipeline, workspace.stages, workspace.out, workspace.preset)
-    job = partial(_run_segment, place, names, dict(settings), cores)
-    # Spawned, not forked: threads of numerical libraries do not survive a fork.
-    spawn = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, spawn, prepare_worker, (os.getpid(),)) as pool:
-        try:
-            segment_of = {pool.submit(job, segment): segment for segment in segments}
-            for done in as_completed(segment_of):
-                try:
-                    yield from done.result()
-                except UpvlError as error:
-                    failures[segment_of[done]] = error
-        except (BrokenProcessPool, SystemExit) as error:
-            raise UpvlError(
-                "a worker process was killed, perhaps for want of memory; what was finished is kept: run again "
-                "with fewer --workers"
-            ) from error
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for worker in multiprocessing.active_children():
-                worker.terminate()
-            raise
-
-
-def _run_segment(
-    place: tuple[Pipeline, Path, Path, str],
-    names: list[str],
-    settings: dict[str, Config],
-    cores: int,
-    segment: str,
-) -> list[Made]:
-    os.environ[THREADS_VARIABLE] = str(cores)
-    workspace = Workspace(*place)
-    by_name = workspace.pipeline.by_name
-    return [make_shard(workspace, by_name[name], segment, settings[name], _no_tick) for name in names]
-
-
-def _no_tick() -> None:
-    """Count nothing: the parent counts the shards of a worker process."""

@@ -172,6 +172,21 @@ class Inputs(Protocol):
 
 
 @dataclass(frozen=True)
+class Needs:
+    """What one shard of a stage takes on a machine; a scheduler reserves it.
+
+    Attributes:
+        cpus: Cores that the stage keeps busy.
+        gpus: GPUs, or a part of one; used where the cluster has any, as every stage runs without.
+        memory_gib: Peak of main memory, GiB.
+    """
+
+    cpus: int = 1
+    gpus: float = 0.0
+    memory_gib: float = 2.0
+
+
+@dataclass(frozen=True)
 class Stage(Generic[C, R]):
     """One step of the pipeline, from declared inputs to one Parquet shard a segment.
 
@@ -186,6 +201,7 @@ class Stage(Generic[C, R]):
         distributed: Several processes of `torchrun` can make a shard together.
         estimates_size: Its shards are large: `--dry-run` estimates their size.
         version: Raised by hand when the code gives other rows for equal values.
+        needs: What a scheduler reserves for one shard.
     """
 
     name: str
@@ -197,6 +213,7 @@ class Stage(Generic[C, R]):
     distributed: bool = False
     estimates_size: bool = False
     version: int = 1
+    needs: Needs = Needs()
 
     @property
     def is_of_dataset(self) -> bool:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from upvl_cli.config.base import Config, table
 from upvl_cli.detector.config import DecodeConfig, GroundingConfig
 from upvl_cli.perception.tracking.config import SmoothingConfig, TrackerConfig
-from upvl_cli.pipeline.stage import Stage
+from upvl_cli.pipeline.stage import Needs, Stage
 from upvl_cli.stages.picture_rows import PcaRow
 from upvl_cli.stages.rows import GroundRow, ObjectRow, OdometryRow, TrainRow
 from upvl_cli.stages.shared_columns import without_looks
@@ -187,4 +187,5 @@ STAGE = Stage(
     row=ObjectRow,
     reads=("raw", "odometry", "ground", "pca", "train"),
     version=2,
+    needs=Needs(gpus=1.0),
 )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from upvl_cli.config.base import Config, setting, table
 from upvl_cli.perception.visual.config import VisibilityConfig
-from upvl_cli.pipeline.stage import Stage
+from upvl_cli.pipeline.stage import Needs, Stage
 from upvl_cli.stages.picture_rows import ExtractVlRow, PcaRow
 from upvl_cli.stages.rows import FlowRow, GroundRow, OdometryRow
 
@@ -75,4 +75,5 @@ STAGE = Stage(
     row=ExtractVlRow,
     reads=("raw", "vlm", "pca", "odometry", "ground", "flow"),
     estimates_size=True,
+    needs=Needs(gpus=1.0, memory_gib=4.0),
 )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from upvl_cli.config.base import Config, table
 from upvl_cli.perception.labels.config import LookChoiceConfig, LookCropConfig
-from upvl_cli.pipeline.stage import Stage
+from upvl_cli.pipeline.stage import Needs, Stage
 from upvl_cli.stages.picture_rows import ExtractVlRow, LooksRow, PcaRow
 from upvl_cli.stages.rows import AmodalRow, MaskRow, OdometryRow
 
@@ -123,4 +123,5 @@ STAGE = Stage(
     config=LooksConfig,
     row=LooksRow,
     reads=("raw", "vlm", "pca", "odometry", "extract-vl", "mask", "nms"),
+    needs=Needs(gpus=1.0, memory_gib=4.0),
 )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from upvl_cli.config.base import Config, setting
-from upvl_cli.pipeline.stage import Stage
+from upvl_cli.pipeline.stage import Needs, Stage
 from upvl_cli.stages.picture_rows import PcaRow
 
 if TYPE_CHECKING:
@@ -72,4 +72,12 @@ def run(inputs: Inputs, config: PcaConfig) -> Iterator[PcaRow]:
     yield PcaRow(inputs.segment, 0, basis.mean, basis.components.ravel(), basis.scale, basis.variance_kept)
 
 
-STAGE = Stage(name="pca", run=run, config=PcaConfig, row=PcaRow, reads=("raw", "vlm"), scope="dataset")
+STAGE = Stage(
+    name="pca",
+    run=run,
+    config=PcaConfig,
+    row=PcaRow,
+    reads=("raw", "vlm"),
+    scope="dataset",
+    needs=Needs(gpus=1.0, memory_gib=4.0),
+)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from upvl_cli.detector.config import TrainConfig
-from upvl_cli.pipeline.stage import Stage
+from upvl_cli.pipeline.stage import Needs, Stage
 from upvl_cli.stages.correction_rows import corrected_boxes, corrections_table
 from upvl_cli.stages.picture_rows import ExtractVlRow, PcaRow
 from upvl_cli.stages.rows import AmodalRow, OdometryRow, TrainRow
@@ -159,4 +159,5 @@ STAGE = Stage(
     scope="dataset",
     distributed=True,
     version=2,
+    needs=Needs(cpus=8, gpus=1.0, memory_gib=16.0),  # a process a GPU; threads read the scenes ahead of it
 )

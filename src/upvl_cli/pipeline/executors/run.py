@@ -1,0 +1,56 @@
+"""Run stages on drives, wherever an executor makes their shards."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+from upvl_cli.errors import UpvlError
+from upvl_cli.pipeline.executors.base import Executor, Failed, Unwatched, Watch, Work
+from upvl_cli.pipeline.executors.serial import SerialExecutor
+from upvl_cli.pipeline.pipeline import AnyStage
+from upvl_cli.pipeline.runner import Made, claim_folder
+from upvl_cli.pipeline.workspace import Workspace
+
+
+def run_all(
+    workspace: Workspace,
+    stages: Sequence[AnyStage],
+    segments: Sequence[str],
+    *,
+    overrides: Mapping[str, object],
+    executor: Executor | None = None,
+    watch: Watch | None = None,
+) -> Iterator[Made]:
+    """Run stages, in order, on each drive; yields as shards are made.
+
+    Args:
+        workspace: The workspace of the shards.
+        stages: The stages to run, each after those it reads.
+        segments: Names of the drives.
+        overrides: Values of the command line, for a single stage.
+        executor: Where the shards are made; None makes them in this process.
+        watch: Who follows the run; None shows nothing.
+
+    Raises:
+        UpvlError: Drives failed; raised after the others are done.
+    """
+    settings = {stage.name: claim_folder(workspace, stage, overrides) for stage in stages}
+    work = Work(workspace, tuple(stages), segments, settings)
+    watch = watch or Unwatched()
+    failures: dict[str, UpvlError] = {}
+    for event in (executor or SerialExecutor()).run(work, watch):
+        if isinstance(event, Failed):
+            failures[event.segment] = event.error
+            watch.failed(event)
+        else:
+            yield event
+    _raise_failures(failures, len(segments))
+
+
+def _raise_failures(failures: Mapping[str, UpvlError], segments: int) -> None:
+    """Raise the errors of drives that failed, after the others have been made."""
+    if segments == 1 and failures:
+        raise next(iter(failures.values()))
+    if failures:
+        reasons = "; ".join(f"{segment}: {error}" for segment, error in sorted(failures.items()))
+        raise UpvlError(f"{len(failures)} of {segments} drives failed, the others are done. {reasons}")

@@ -1,0 +1,39 @@
+"""The share of a run that one of many processes takes which know nothing of each other."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from upvl_cli.errors import BadSetting
+
+_FORM = re.compile(r"(\d{1,9})/(\d{1,9})", re.ASCII)
+
+
+@dataclass(frozen=True)
+class Share:
+    """The drives `number`, `number + count`, `number + 2 count`, ... of the sorted list, counted from 1."""
+
+    number: int
+    count: int
+
+    @classmethod
+    def parse(cls, text: str) -> Share:
+        """Return the share that `--shard` names, such as 3/64.
+
+        Raises:
+            BadSetting: It is no share.
+        """
+        found = _FORM.fullmatch(text)
+        number, count = map(int, found.groups()) if found else (0, 0)
+        if not 1 <= number <= count:
+            raise BadSetting(
+                f"--shard {text!r}: expected I/N with I from 1 to N, such as 3/64; where a scheduler counts from 0, as "
+                "Kubernetes does, give $((JOB_COMPLETION_INDEX + 1))/64"
+            )
+        return cls(number, count)
+
+    def of(self, segments: Sequence[str]) -> list[str]:
+        """Return the drives of this share; none where there are more shares than drives."""
+        return sorted(segments)[self.number - 1 :: self.count]
