@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 import os
-import resource
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -21,12 +18,14 @@ from upvl_cli.errors import BadSetting, NotMade, OutOfMemory, UpvlError
 from upvl_cli.pipeline.inputs import ShardInputs
 from upvl_cli.pipeline.pipeline import AnyStage, Pipeline
 from upvl_cli.pipeline.provenance import difference, is_of_settings
+from upvl_cli.pipeline.run_log import RunRecord, host_name, log_run
 from upvl_cli.pipeline.stage import NOT_MADE, WHOLE_DATASET, Row
 from upvl_cli.pipeline.storage.remote_path import is_remote
 from upvl_cli.pipeline.tables import read_footer, write
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.runtime.atomic import write_if_changed
 from upvl_cli.runtime.parallel import THREADS_VARIABLE, prepare_worker, threads
+from upvl_cli.runtime.usage import Usage, UsageMeter
 
 Tick = Callable[[], None]
 
@@ -108,7 +107,7 @@ def make_shard(workspace: Workspace, stage: AnyStage, segment: str, settings: Co
 
     if not is_stale():
         return _fresh(workspace, stage, segment)
-    started = time.perf_counter()
+    meter = UsageMeter()
     inputs = ShardInputs(workspace, stage, segment, settings, tick)
     if os.environ.get("RANK", "0") != "0":
         return _helped(stage, inputs, settings)
@@ -132,13 +131,9 @@ def make_shard(workspace: Workspace, stage: AnyStage, segment: str, settings: Co
     _not_older(path, workspace, stage, segment)
     for path_of_no_use in inputs.temporary:
         path_of_no_use.unlink(missing_ok=True)
-    # The process's peak so far: alone in its process, the stage's own. macOS counts bytes, others kibibytes.
-    unit = 2**20 if sys.platform == "darwin" else 2**10
-    peak_mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
-    made = Made(
-        stage.name, segment, False, rows, dict(inputs.counts), time.perf_counter() - started, peak_mib
-    )
-    _log(workspace, made)
+    usage = meter.read()
+    made = Made(stage.name, segment, False, rows, dict(inputs.counts), usage.seconds, usage.peak_mib)
+    _log(workspace, made, usage, workspace.sources(stage, segment, settings))
     return made
 
 
@@ -226,24 +221,23 @@ def _check_inputs(workspace: Workspace, stage: AnyStage, segment: str, settings:
             )
 
 
-def _log(workspace: Workspace, made: Made) -> None:
-    """Keep how long a shard took, outside the shard: no clock in files that must be the same twice."""
-    if is_remote(workspace.out):
-        return
-    line = json.dumps(
-        {
-            "stage": made.stage,
-            "segment": made.segment,
-            "rows": made.rows,
-            "seconds": round(made.seconds, 3),
-            "peak_mib": round(made.peak_mib),
-        }
+def _log(workspace: Workspace, made: Made, usage: Usage, sources: Sequence[tuple[str, Path]]) -> None:
+    """Keep what a shard took, outside the shard: no clock in files that must be the same twice."""
+    read = [path for name, path in sources if name.partition("/")[0] not in NOT_MADE]
+    record = RunRecord(
+        stage=made.stage,
+        segment=made.segment,
+        rows=made.rows,
+        seconds=usage.seconds,
+        cpu_s=usage.cpu_s,
+        gpu_s=usage.gpu_s,
+        peak_mib=round(usage.peak_mib),
+        size_bytes=workspace.shard(made.stage, made.segment).stat().st_size,
+        read_bytes=sum(path.stat().st_size for path in read),
+        host=host_name(),
+        end=time.time(),
     )
-    try:
-        with (workspace.out / "runs.jsonl").open("a", encoding="utf-8") as file:
-            file.write(line + "\n")
-    except OSError as error:
-        raise UpvlError(f"cannot write {workspace.out / 'runs.jsonl'}: {error.strerror}") from error
+    log_run(workspace.out, record)
 
 
 def run_all(
