@@ -15,7 +15,7 @@ from upvl_cli.pipeline import run_log
 from upvl_cli.pipeline.run_log import RunRecord, last_runs, log_run, read_runs
 from upvl_cli.runtime.usage import UsageMeter
 
-RECORD = RunRecord("flow", "s9", 40, 12.5, 24.25, 0.0, 512.0, 123456, 7890, "host", 1.0e9)
+RECORD = RunRecord("flow", "s9", 40, 12.5, 24.25, 0.0, 512.0, 123456, 7890, "host", 1.0e9, "0123abcd")
 
 
 def test_a_record_is_read_back_as_it_was(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import hashlib
 import json
 import math
 import os
@@ -53,6 +54,7 @@ class RunRecord:
         read_bytes: Size of the shards that were its inputs; 0 where it is not known.
         host: Name of the machine.
         end: Time when it was finished, in seconds since 1970; 0 where it is not known.
+        settings: Digest of the settings and versions that made it (`settings_digest`); empty where it is not known.
     """
 
     stage: str
@@ -66,6 +68,12 @@ class RunRecord:
     read_bytes: int = 0
     host: str = ""
     end: float = 0.0
+    settings: str = ""
+
+
+def settings_digest(stage_stamp: str) -> str:
+    """Return a short digest of what makes the shards of a stage beside the drives."""
+    return hashlib.sha256(stage_stamp.encode()).hexdigest()[:12]
 
 
 def host_name() -> str:
@@ -227,6 +235,7 @@ def _record(run: dict[str, Any]) -> RunRecord:
         read_bytes=int(run.get("read_bytes", 0)),
         host=str(run.get("host", "")),
         end=_finite(run.get("end", 0.0)),
+        settings=str(run.get("settings", "")),
     )
 
 

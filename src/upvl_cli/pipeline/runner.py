@@ -18,7 +18,7 @@ from upvl_cli.errors import BadSetting, NotMade, OutOfMemory, UpvlError
 from upvl_cli.pipeline.inputs import ShardInputs
 from upvl_cli.pipeline.pipeline import AnyStage, Pipeline
 from upvl_cli.pipeline.provenance import difference, is_of_settings
-from upvl_cli.pipeline.run_log import RunRecord, host_name, log_run
+from upvl_cli.pipeline.run_log import RunRecord, host_name, log_run, settings_digest
 from upvl_cli.pipeline.stage import NOT_MADE, WHOLE_DATASET, Row
 from upvl_cli.pipeline.storage.remote_path import is_remote
 from upvl_cli.pipeline.tables import read_footer, write
@@ -133,7 +133,7 @@ def make_shard(workspace: Workspace, stage: AnyStage, segment: str, settings: Co
         path_of_no_use.unlink(missing_ok=True)
     usage = meter.read()
     made = Made(stage.name, segment, False, rows, dict(inputs.counts), usage.seconds, usage.peak_mib)
-    _log(workspace, made, usage, workspace.sources(stage, segment, settings))
+    _log(workspace, stage, made, usage, settings)
     return made
 
 
@@ -221,8 +221,9 @@ def _check_inputs(workspace: Workspace, stage: AnyStage, segment: str, settings:
             )
 
 
-def _log(workspace: Workspace, made: Made, usage: Usage, sources: Sequence[tuple[str, Path]]) -> None:
+def _log(workspace: Workspace, stage: AnyStage, made: Made, usage: Usage, settings: Config) -> None:
     """Keep what a shard took, outside the shard: no clock in files that must be the same twice."""
+    sources = workspace.sources(stage, made.segment, settings)
     read = [path for name, path in sources if name.partition("/")[0] not in NOT_MADE]
     record = RunRecord(
         stage=made.stage,
@@ -236,6 +237,7 @@ def _log(workspace: Workspace, made: Made, usage: Usage, sources: Sequence[tuple
         read_bytes=sum(path.stat().st_size for path in read),
         host=host_name(),
         end=time.time(),
+        settings=settings_digest(workspace.stage_stamp(stage, settings)),
     )
     log_run(workspace.out, record)
 
