@@ -36,7 +36,7 @@ LONGEST_PART_S = 600.0
 _READERS = 16  # requests at a time: reading small objects is waiting
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)  # slots: an archive has millions
 class RunRecord:
     """What making one shard took.
 
