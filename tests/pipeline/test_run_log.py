@@ -6,13 +6,16 @@ import json
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from object_store import SECRET, Server, s3_server
 from upvl_cli.pipeline import run_log
 from upvl_cli.pipeline.run_log import RunRecord, last_runs, log_run, read_runs
+from upvl_cli.pipeline.storage.location import location
 from upvl_cli.runtime.usage import UsageMeter
 
 RECORD = RunRecord("flow", "s9", 40, 12.5, 24.25, 0.0, 512.0, 123456, 7890, "host", 1.0e9, "0123abcd")
@@ -97,30 +100,56 @@ def test_a_log_that_cannot_be_written_is_one_warning(
     assert capsys.readouterr().err.startswith(f"upvl: warning: cannot write {tmp_path / 'runs.jsonl'}: ")
 
 
-def test_lines_for_an_object_store_are_put_as_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run_log, "_is_object_store", lambda out: True)
-    log_run(tmp_path, RECORD)
-    assert not (tmp_path / "runs").exists()  # collected, not put line by line
+@pytest.fixture(scope="module")
+def server() -> Iterator[Server]:
+    """A server with one bucket."""
+    with s3_server("drives") as started:
+        yield started
+
+
+@pytest.fixture
+def remote(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder of the bucket that no other test uses."""
+    for name, value in {**server.variables, "UPVL_CACHE": str(tmp_path / "cache")}.items():
+        monkeypatch.setenv(name, value)
+    return location(f"s3://drives/{tmp_path.name}")
+
+
+def test_lines_for_an_object_store_are_put_as_parts(remote: Path) -> None:
+    log_run(remote, RECORD)
+    assert list(read_runs(remote)) == []  # collected, not put line by line
     run_log.flush_runs()
-    log_run(tmp_path, replace(RECORD, segment="s8"))
+    log_run(remote, replace(RECORD, segment="s8"))
     run_log.flush_runs()
     run_log.flush_runs()  # with nothing left there is no empty part
-    names = [path.name for path in sorted((tmp_path / "runs").iterdir())]
+    names = [path.name for path in (remote / "runs").iterdir()]
     assert [name.rpartition("-")[2] for name in names] == ["0.jsonl", "1.jsonl"]
-    assert [record.segment for record in read_runs(tmp_path)] == ["s9", "s8"]
+    assert [record.segment for record in read_runs(remote)] == ["s9", "s8"]
 
 
-def test_collected_lines_are_put_in_a_while_and_when_the_process_ends(tmp_path: Path) -> None:
+def test_collected_lines_are_put_in_a_while_and_when_the_process_ends(remote: Path) -> None:
     program = (
-        "import sys, time; from pathlib import Path; from upvl_cli.pipeline import run_log\n"
-        "run_log._is_object_store = lambda out: True; run_log.FIRST_PART_S = 0.05; out = Path(sys.argv[1])\n"
-        "run_log.log_run(out, run_log.RunRecord('flow', 'early', 1, 1.0)); time.sleep(1)\n"
-        "assert len(list(run_log.read_runs(out))) == 1\n"
+        "import sys, time; from upvl_cli.pipeline import run_log\n"
+        "from upvl_cli.pipeline.storage.location import location\n"
+        "run_log.FIRST_PART_S = 0.05; out = location(sys.argv[1])\n"
+        "run_log.log_run(out, run_log.RunRecord('flow', 'early', 1, 1.0)); until = time.monotonic() + 20\n"
+        "while not list(run_log.read_runs(out)) and time.monotonic() < until: time.sleep(0.1)\n"
         "run_log._parts_of(out)._interval_s = 100.0; run_log.log_run(out, run_log.RunRecord('flow', 'late', 1, 1.0))"
     )
-    subprocess.run([sys.executable, "-c", program, str(tmp_path)], check=True, timeout=60)
-    parts = sorted((tmp_path / "runs").iterdir())
+    subprocess.run([sys.executable, "-c", program, str(remote)], check=True, timeout=60)
+    parts = list((remote / "runs").iterdir())
     assert [json.loads(part.read_text())["segment"] for part in parts] == ["early", "late"]
+
+
+def test_a_part_that_cannot_be_put_is_one_warning(
+    remote: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log_run(location("s3://nowhere-at-all/run"), RECORD)
+    run_log.flush_runs()
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1
+    assert lines[0].startswith("upvl: warning: cannot write s3://nowhere-at-all/run/runs/")
+    assert SECRET not in lines[0]
 
 
 def test_a_meter_counts_processor_time_of_threads_and_children() -> None:

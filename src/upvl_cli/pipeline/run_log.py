@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from upvl_cli.errors import UpvlError, one_line
+from upvl_cli.pipeline.storage.remote_path import is_remote
 from upvl_cli.runtime.atomic import atomic_file
 
 FILE = "runs.jsonl"
@@ -89,7 +90,7 @@ def log_run(out: Path, record: RunRecord) -> None:
         record: What making one of them took.
     """
     line = json.dumps({name: _rounded(value) for name, value in asdict(record).items() if value is not None})
-    if _is_object_store(out):
+    if is_remote(out):
         _parts_of(out).add(line)
         return
     try:
@@ -110,7 +111,7 @@ def read_runs(out: Path) -> Iterator[RunRecord]:
     Args:
         out: Folder of the shards.
     """
-    if not _is_object_store(out):
+    if not is_remote(out):
         with contextlib.suppress(OSError), (out / FILE).open(encoding="utf-8", errors="replace") as file:
             yield from _records(file)
     with contextlib.suppress(OSError, UpvlError):
@@ -188,10 +189,6 @@ def _parts_of(out: Path) -> _Parts:
             atexit.register(flush_runs)
         _collected[key] = _Parts(out)
     return _collected[key]
-
-
-def _is_object_store(out: Path) -> bool:
-    return type(out).__name__ == "RemotePath"
 
 
 def _append(path: Path, line: str) -> None:

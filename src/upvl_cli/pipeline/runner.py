@@ -14,7 +14,7 @@ from itertools import groupby
 from pathlib import Path
 
 from upvl_cli.config.base import Config
-from upvl_cli.errors import BadSetting, NotMade, OutOfMemory, UpvlError
+from upvl_cli.errors import BadSetting, NotMade, OutOfMemory, StorageError, UpvlError
 from upvl_cli.pipeline.inputs import ShardInputs
 from upvl_cli.pipeline.pipeline import AnyStage, Pipeline
 from upvl_cli.pipeline.provenance import difference, is_of_settings
@@ -224,7 +224,8 @@ def _check_inputs(workspace: Workspace, stage: AnyStage, segment: str, settings:
 def _log(workspace: Workspace, stage: AnyStage, made: Made, usage: Usage, settings: Config) -> None:
     """Keep what a shard took, outside the shard: no clock in files that must be the same twice."""
     sources = workspace.sources(stage, made.segment, settings)
-    read = [path for name, path in sources if name.partition("/")[0] not in NOT_MADE]
+    # Of objects each size is a request, and what is read of them is not all.
+    read = [] if is_remote(workspace.out) else [path for name, path in sources if name not in NOT_MADE]
     record = RunRecord(
         stage=made.stage,
         segment=made.segment,
@@ -233,13 +234,21 @@ def _log(workspace: Workspace, stage: AnyStage, made: Made, usage: Usage, settin
         cpu_s=usage.cpu_s,
         gpu_s=usage.gpu_s,
         peak_mib=round(usage.peak_mib),
-        size_bytes=workspace.shard(made.stage, made.segment).stat().st_size,
-        read_bytes=sum(path.stat().st_size for path in read),
+        size_bytes=_size_of(workspace.shard(made.stage, made.segment)),
+        read_bytes=sum(_size_of(path) or 0 for path in read),
         host=host_name(),
         end=time.time(),
         settings=settings_digest(workspace.stage_stamp(stage, settings)),
     )
     log_run(workspace.out, record)
+
+
+def _size_of(path: Path) -> int | None:
+    """Return the size of a file or an object; None where it cannot be seen."""
+    try:
+        return path.stat().st_size
+    except (OSError, StorageError):
+        return None
 
 
 def run_all(
