@@ -250,7 +250,8 @@ def main() -> None:
     )
     twice = sorted(name for name, times in written.items() if times > 1)
     print(
-        f"{given.on}, {given.storage}, seed {given.seed}: {given.drives} drives, {len(expected)} shards, {seconds:.0f} s"
+        f"{given.on}, {given.storage}, seed {given.seed}: {given.drives} drives, {len(expected)} shards, "
+        f"{seconds:.0f} s"
     )
     kinds = ", ".join(f"{number} {kind}" for kind, number in sorted(killed.items()))
     print(f"killed with -9: {killed.total()} ({kinds})")

@@ -86,7 +86,11 @@ def test_no_secret_is_in_what_a_run_leaves_or_says(server: Server, tmp_path: Pat
         assert failed.returncode == 2, failed.stderr
         assert len(failed.stderr.strip().splitlines()) == 1, failed.stderr
         texts += [failed.stdout, failed.stderr]
-    program = "from upvl_cli.pipeline.storage.location import location; location('s3://drives/x').bucket.put('k', object())"
+    program = (
+        "from upvl_cli.pipeline.storage.location import location
+"
+        "location('s3://drives/x').bucket.put('k', object())"
+    )
     bug = subprocess.run(
         [sys.executable, "-c", program], env={**ENVIRONMENT, **variables}, capture_output=True, text=True
     )

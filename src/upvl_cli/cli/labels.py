@@ -9,6 +9,15 @@ import typer
 
 from upvl_cli.cli.application import On, ScriptOnly, Segments, ShardOption, Slurm, Workers, app
 from upvl_cli.cli.check import Anyway, check_first
+from upvl_cli.cli.cost_options import (
+    CpuPrice,
+    Drives,
+    Estimate,
+    EstimateWorkers,
+    GpuPrice,
+    SampleSize,
+    StoragePrice,
+)
 from upvl_cli.cli.run import RunOptions, print_script, run_stages
 from upvl_cli.errors import BadSetting
 from upvl_cli.pipeline.workspace import Workspace
@@ -86,8 +95,21 @@ def segments(context: typer.Context) -> None:
 
 
 @app.command()
-def status(context: typer.Context) -> None:
-    """Tell which shards are fresh, stale or missing."""
+def status(
+    context: typer.Context,
+    cost: Annotated[
+        bool,
+        typer.Option(
+            "--cost", help="Print what the shards took, beside the figures of upvl plan --estimate."
+        ),
+    ] = False,
+) -> None:
+    """Tell which shards are fresh, stale or missing; or, with --cost, what they took."""
+    if cost:
+        from upvl_cli.cli.costs import print_true_costs
+
+        print_true_costs(context.obj)
+        return
     from rich.console import Console
 
     from upvl_cli.cli.progress import status_table
@@ -97,8 +119,33 @@ def status(context: typer.Context) -> None:
 
 
 @app.command()
-def plan(context: typer.Context) -> None:
-    """Write the rules and marks that make follows."""
+def plan(
+    context: typer.Context,
+    estimate: Estimate = False,
+    drives: Drives = None,
+    sample: SampleSize = 2,
+    workers: EstimateWorkers = 1,
+    price_cpu_hour: CpuPrice = None,
+    price_gpu_hour: GpuPrice = None,
+    price_tb_month: StoragePrice = None,
+) -> None:
+    """Write the rules and marks that make follows; or, with --estimate, estimate what labelling takes."""
+    if estimate:
+        from upvl_cli.cli.costs import print_estimate
+        from upvl_cli.commands.cost_estimate import Prices
+
+        prices = Prices(price_cpu_hour, price_gpu_hour, price_tb_month)
+        print_estimate(context.obj, drives=drives, sample=sample, workers=workers, prices=prices)
+        return
+    if (drives, sample, workers, price_cpu_hour, price_gpu_hour, price_tb_month) != (
+        None,
+        2,
+        1,
+        None,
+        None,
+        None,
+    ):
+        raise BadSetting("the options of plan need --estimate: upvl plan --estimate")
     from upvl_cli.pipeline.make_rules import write_rules
 
     write_rules(context.obj)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from upvl_cli.pipeline.pipeline import AnyStage
+from upvl_cli.pipeline.run_log import RunRecord, last_runs
 from upvl_cli.pipeline.runner import state
 from upvl_cli.pipeline.stage import WHOLE_DATASET
 from upvl_cli.pipeline.tables import read_footer
@@ -39,20 +38,6 @@ class StageStatus:
     reason: str
 
 
-@dataclass(frozen=True)
-class LastRun:
-    """What making a shard took when it was last made.
-
-    Attributes:
-        seconds: Elapsed time.
-        peak_mib: Largest resident memory that the process had reached by then, stages before it in the same process
-            included; None where the log does not hold it.
-    """
-
-    seconds: float
-    peak_mib: float | None
-
-
 def status(workspace: Workspace) -> list[StageStatus]:
     """Return the status of each stage, in order; a shard made from one that is not fresh is stale.
 
@@ -60,7 +45,7 @@ def status(workspace: Workspace) -> list[StageStatus]:
         workspace: The workspace of the shards.
     """
     states = {segment: dict(_states(workspace, segment)) for segment in workspace.segments}
-    runs = last_runs(workspace)
+    runs = last_runs(workspace.out)
     return [_stage_status(workspace, stage, states, runs) for stage in workspace.pipeline.stages]
 
 
@@ -80,7 +65,7 @@ def _stage_status(
     workspace: Workspace,
     stage: AnyStage,
     states: dict[str, dict[str, tuple[str, str]]],
-    runs: Mapping[tuple[str, str], LastRun],
+    runs: Mapping[tuple[str, str], RunRecord],
 ) -> StageStatus:
     of_segment = {segment: all_states[stage.name] for segment, all_states in states.items()}
     if stage.is_of_dataset:
@@ -98,19 +83,3 @@ def _stage_status(
         seconds=sum(runs[key].seconds for segment in of_segment if (key := (stage.name, segment)) in runs),
         reason=next((reason for condition, reason in of_segment.values() if condition == "stale"), ""),
     )
-
-
-def last_runs(workspace: Workspace) -> dict[tuple[str, str], LastRun]:
-    """Return the last run of each stage and segment, of `out/runs.jsonl`; lines that a kill cut short are skipped."""
-    try:
-        lines = (workspace.out / "runs.jsonl").read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError:
-        return {}
-    runs: dict[tuple[str, str], LastRun] = {}
-    for line in lines:
-        with contextlib.suppress(ValueError, KeyError, TypeError, AttributeError, RecursionError):
-            run = json.loads(line)
-            peak_mib = run.get("peak_mib")
-            key = str(run["stage"]), str(run["segment"])
-            runs[key] = LastRun(float(run["seconds"]), None if peak_mib is None else float(peak_mib))
-    return runs

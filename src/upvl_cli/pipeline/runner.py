@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-import json
 import os
-import resource
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from upvl_cli.config.base import Config
-from upvl_cli.errors import BadSetting, NotMade, OutOfMemory, UpvlError
+from upvl_cli.errors import BadSetting, NotMade, OutOfMemory, StorageError, UpvlError
 from upvl_cli.pipeline.inputs import ShardInputs
 from upvl_cli.pipeline.pipeline import AnyStage
 from upvl_cli.pipeline.provenance import difference, is_of_settings
+from upvl_cli.pipeline.run_log import RunRecord, host_name, log_run, settings_digest
 from upvl_cli.pipeline.stage import NOT_MADE, WHOLE_DATASET, Row
 from upvl_cli.pipeline.storage.remote_path import is_remote
 from upvl_cli.pipeline.tables import read_footer, write
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.runtime.atomic import write_if_changed
 from upvl_cli.runtime.parallel import THREADS_VARIABLE
+from upvl_cli.runtime.usage import Usage, UsageMeter
 
 Tick = Callable[[], None]
 
@@ -103,7 +102,7 @@ def make_shard(workspace: Workspace, stage: AnyStage, segment: str, settings: Co
 
     if not is_stale():
         return _fresh(workspace, stage, segment)
-    started = time.perf_counter()
+    meter = UsageMeter()
     inputs = ShardInputs(workspace, stage, segment, settings, tick)
     if os.environ.get("RANK", "0") != "0":
         return _helped(stage, inputs, settings)
@@ -127,13 +126,9 @@ def make_shard(workspace: Workspace, stage: AnyStage, segment: str, settings: Co
     _not_older(path, workspace, stage, segment)
     for path_of_no_use in inputs.temporary:
         path_of_no_use.unlink(missing_ok=True)
-    # The process's peak so far: alone in its process, the stage's own. macOS counts bytes, others kibibytes.
-    unit = 2**20 if sys.platform == "darwin" else 2**10
-    peak_mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
-    made = Made(
-        stage.name, segment, False, rows, dict(inputs.counts), time.perf_counter() - started, peak_mib
-    )
-    _log(workspace, made)
+    usage = meter.read()
+    made = Made(stage.name, segment, False, rows, dict(inputs.counts), usage.seconds, usage.peak_mib)
+    _log(workspace, stage, made, usage, settings)
     return made
 
 
@@ -221,21 +216,31 @@ def _check_inputs(workspace: Workspace, stage: AnyStage, segment: str, settings:
             )
 
 
-def _log(workspace: Workspace, made: Made) -> None:
-    """Keep how long a shard took, outside the shard: no clock in files that must be the same twice."""
-    if is_remote(workspace.out):
-        return
-    line = json.dumps(
-        {
-            "stage": made.stage,
-            "segment": made.segment,
-            "rows": made.rows,
-            "seconds": round(made.seconds, 3),
-            "peak_mib": round(made.peak_mib),
-        }
+def _log(workspace: Workspace, stage: AnyStage, made: Made, usage: Usage, settings: Config) -> None:
+    """Keep what a shard took, outside the shard: no clock in files that must be the same twice."""
+    sources = workspace.sources(stage, made.segment, settings)
+    # Of objects each size is a request, and what is read of them is not all.
+    read = [] if is_remote(workspace.out) else [path for name, path in sources if name not in NOT_MADE]
+    record = RunRecord(
+        stage=made.stage,
+        segment=made.segment,
+        rows=made.rows,
+        seconds=usage.seconds,
+        cpu_s=usage.cpu_s,
+        gpu_s=usage.gpu_s,
+        peak_mib=round(usage.peak_mib),
+        size_bytes=_size_of(workspace.shard(made.stage, made.segment)),
+        read_bytes=sum(_size_of(path) or 0 for path in read),
+        host=host_name(),
+        end=time.time(),
+        settings=settings_digest(workspace.stage_stamp(stage, settings)),
     )
+    log_run(workspace.out, record)
+
+
+def _size_of(path: Path) -> int | None:
+    """Return the size of a file or an object; None where it cannot be seen."""
     try:
-        with (workspace.out / "runs.jsonl").open("a", encoding="utf-8") as file:
-            file.write(line + "\n")
-    except OSError as error:
-        raise UpvlError(f"cannot write {workspace.out / 'runs.jsonl'}: {error.strerror}") from error
+        return path.stat().st_size
+    except (OSError, StorageError):
+        return None

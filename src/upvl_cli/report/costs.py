@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from upvl_cli.commands.status import LastRun, last_runs
 from upvl_cli.pipeline.pipeline import AnyStage
+from upvl_cli.pipeline.run_log import RunRecord, last_runs
 from upvl_cli.pipeline.stage import WHOLE_DATASET
 from upvl_cli.pipeline.tables import read_footer
 from upvl_cli.pipeline.workspace import Workspace
@@ -60,13 +60,13 @@ def is_dropped(reason: str) -> bool:
 
 def stage_costs(workspace: Workspace, segments: Sequence[str]) -> Iterator[StageCost]:
     """Yield what each stage that has a shard took, in the order of the stages."""
-    runs = last_runs(workspace)
+    runs = last_runs(workspace.out)
     for stage in workspace.pipeline.stages:
         paths = {drive: workspace.shard(stage.name, drive) for drive in _drives(stage, segments)}
         footers = {drive: footer for drive, path in paths.items() if (footer := read_footer(path))}
         if not footers:
             continue
-        known: list[LastRun] = [
+        known: list[RunRecord] = [
             runs[stage.name, drive] for drive in footers if (stage.name, drive) in runs
         ]  # a run of some drives elsewhere leaves others without a time
         peaks = [run.peak_mib for run in known if run.peak_mib is not None]
