@@ -76,18 +76,43 @@ def status(context: typer.Context) -> None:
     """Tell which shards are fresh, stale or missing."""
     from rich.console import Console
 
-    from upvl_cli.cli.progress import status_table
+    from upvl_cli.cli.progress import Counter, status_table
     from upvl_cli.commands.status import status as statuses
 
-    Console().print(status_table(statuses(context.obj)))
+    with Counter("reading footers of shards") as footers:
+        found = statuses(context.obj, footers.tick)
+    Console().print(status_table(found))
 
 
 @app.command()
-def plan(context: typer.Context) -> None:
-    """Write the rules and marks that make follows."""
-    from upvl_cli.pipeline.make_rules import write_rules
+def plan(
+    context: typer.Context,
+    next_: Annotated[
+        int | None,
+        typer.Option(
+            "--next",
+            metavar="COUNT",
+            min=1,
+            help="Print at most that many shards that can be made now, a line each: stage, tab, drive. Their inputs "
+            "are fresh, so that they can be made in any order; no rules are written.",
+        ),
+    ] = None,
+) -> None:
+    """Write the rules and marks that make follows, or print the next shards to make for another scheduler."""
+    if next_ is None:
+        from upvl_cli.pipeline.make_rules import write_rules
 
-    write_rules(context.obj)
+        write_rules(context.obj)
+        return
+    from upvl_cli.cli.progress import Counter
+    from upvl_cli.pipeline.catalog.catalog import Reading
+    from upvl_cli.pipeline.catalog.tasks import next_tasks
+
+    workspace: Workspace = context.obj
+    with Counter("reading footers of shards") as footers:
+        tasks = next_tasks(workspace, workspace.pipeline.stages, next_, Reading(tick=footers.tick))
+    for stage, segment in tasks:
+        print(f"{stage}\t{segment}")
 
 
 @app.command()
