@@ -6,8 +6,10 @@ An entry counts only where its version is that of the listing; any other shard i
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +19,10 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from upvl_cli.errors import UpvlError
-from upvl_cli.pipeline.catalog.entries import ENTRY, NOT_LISTED, Entries, read_entries
+from upvl_cli.pipeline.catalog.entries import ENTRY, NOT_LISTED, Entries, Shard, read_entries
 from upvl_cli.pipeline.catalog.hashing import Bools
 from upvl_cli.pipeline.catalog.listing import Listing, list_shards
 from upvl_cli.runtime.atomic import atomic_file
-from upvl_cli.runtime.parallel import threads
 
 Places = npt.NDArray[np.int64]
 
@@ -57,7 +58,7 @@ def stage_entries(out: Path, stage: str, segments: pa.Array, reading: Reading) -
         reading: What to do about shards that the catalogue does not know.
     """
     folder = out / stage
-    listing = list_shards(folder)
+    listing = list_shards(folder, segments)
     place = _places(listing.segment, segments)
     entries = np.zeros(len(listing.segment), dtype=ENTRY)
     parts = _parts(out, stage)
@@ -98,7 +99,8 @@ def _parts(out: Path, stage: str) -> list[Path]:
 def _take(path: Path, listing: Listing, entries: Entries) -> None:
     """Fill in the entries of a file that hold for the shards of the listing; none where the file is damaged."""
     with contextlib.suppress(OSError, pa.ArrowException, KeyError, ValueError):
-        table = pq.read_table(pa.BufferReader(path.read_bytes()), page_checksum_verification=True)
+        # Opened by Arrow, and not as a data set: a path of an object is fetched whole by its name.
+        table = pq.ParquetFile(os.fspath(path), page_checksum_verification=True).read()
         known = np.zeros(table.num_rows, dtype=ENTRY)
         for name in ENTRY.names or ():
             known[name] = table[name].to_numpy()
@@ -110,8 +112,15 @@ def _take(path: Path, listing: Listing, entries: Entries) -> None:
 
 def _open(folder: Path, listing: Listing, places: Places, entries: Entries, tick: Callable[[], None]) -> None:
     """Read the footers of some shards."""
-    paths = [folder / f"{listing.segment[place].as_py()}.parquet" for place in places.tolist()]
-    for place, entry in zip(places.tolist(), read_entries(paths, threads(), tick), strict=True):
+    names, tags = listing.segment.take(pa.array(places)), listing.tag
+    found = [] if tags is None else tags.take(pa.array(places)).to_pylist()
+    shards = [
+        Shard(folder / f"{name}.parquet", size_bytes, tag or "")
+        for name, size_bytes, tag in zip_longest(
+            names.to_pylist(), listing.size_bytes[places].tolist(), found, fillvalue=""
+        )
+    ]
+    for place, entry in zip(places.tolist(), read_entries(shards, tick), strict=True):
         if entry is None:  # for now: it is tried again the next time
             entries[place]["rows"] = NOT_LISTED
             continue

@@ -8,16 +8,19 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from upvl_cli.errors import StorageError
 from upvl_cli.pipeline.catalog.hashing import combine, digest_prefix, text_hash
 from upvl_cli.pipeline.provenance import to_json
+from upvl_cli.pipeline.storage.remote_path import RemotePath
 from upvl_cli.pipeline.tables import footer_digest_of, footer_of
+from upvl_cli.runtime.parallel import threads
 
 # Of each shard: the version of its file in the listing, its size, the number of its frames, and hashes of its footer
 # and of the parts of its stamp.
@@ -35,7 +38,22 @@ ENTRY = np.dtype(
 )
 Entries = npt.NDArray[np.void]
 NOT_LISTED, DAMAGED = -2, -1  # in place of the number of rows
-_TAIL_BYTES = 65_536  # of a shard in an object store, read at once: most footers have less
+_TAIL_BYTES = 65_536  # read at once: most footers have less
+_REQUESTS = 32  # to an object store at a time: reading a footer is waiting
+
+
+class Shard(NamedTuple):
+    """A shard as it was listed.
+
+    Attributes:
+        path: Its path.
+        size_bytes: Its size.
+        tag: Its version in an object store; empty on a disk.
+    """
+
+    path: Path
+    size_bytes: int
+    tag: str
 
 
 class StampParts(NamedTuple):
@@ -85,18 +103,29 @@ def stamp_parts(stamp: str) -> StampParts:
         raise ValueError("no stamp of a shard") from error
 
 
-def read_tail(path: Path) -> bytes:
-    """Return the last bytes of a file, the footer of a Parquet file among them; raises `OSError`."""
-    with path.open("rb") as file:
+def read_tail(shard: Shard) -> bytes:
+    """Return the last bytes of a file, the footer of a Parquet file among them; raises `OSError` or `StorageError`."""
+    if isinstance(shard.path, RemotePath):
+        bucket, key = shard.path.bucket, shard.path.key
+
+        def read_end(length: int) -> bytes:
+            return bucket.read(key, shard.size_bytes - length, length, shard.tag) if length else b""
+
+        return _tail(read_end, shard.size_bytes)
+    with shard.path.open("rb") as file:
         size = file.seek(0, os.SEEK_END)
-        tail = _read_end(file, size, min(size, _TAIL_BYTES))
-        length = int.from_bytes(tail[-8:-4], "little") + 8
-        return tail[-length:] if length <= len(tail) else _read_end(file, size, min(size, length))
+
+        def read_end_of_file(length: int) -> bytes:
+            file.seek(size - length)
+            return file.read(length)
+
+        return _tail(read_end_of_file, size)
 
 
-def _read_end(file: IO[bytes], size: int, length: int) -> bytes:
-    file.seek(size - length)
-    return file.read(length)
+def _tail(read_end: Callable[[int], bytes], size: int) -> bytes:
+    tail = read_end(min(size, _TAIL_BYTES))
+    length = int.from_bytes(tail[-8:-4], "little") + 8
+    return tail[-length:] if length <= len(tail) else read_end(min(size, length))
 
 
 def entry_of(tail: bytes) -> tuple[Any, ...]:
@@ -126,24 +155,30 @@ def entry_of(tail: bytes) -> tuple[Any, ...]:
         return 0, 0, footer.rows, digest, 0, 0, 0, 0
 
 
-def read_entries(
-    paths: Sequence[Path], workers: int, tick: Callable[[], None]
-) -> Iterator[tuple[Any, ...] | None]:
+def read_entries(shards: Sequence[Shard], tick: Callable[[], None]) -> Iterator[tuple[Any, ...] | None]:
     """Yield the entry of each shard, in order, their footers read by threads; None for one that cannot be read.
 
     Args:
-        paths: The shards; few enough to hold their entries.
-        workers: Number of threads.
+        shards: Few enough to hold their entries.
         tick: Called after each.
+
+    Raises:
+        StorageError: An object store does not answer.
     """
-
-    def read(path: Path) -> tuple[Any, ...] | None:
-        try:
-            return entry_of(read_tail(path))
-        except OSError:
-            return None
-
-    with ThreadPoolExecutor(workers) as pool:
-        for entry in pool.map(read, paths):
+    is_far = bool(shards) and isinstance(shards[0].path, RemotePath)
+    with ThreadPoolExecutor(_REQUESTS if is_far else threads()) as pool:
+        for entry in pool.map(_read_entry, shards):
             tick()
             yield entry
+
+
+def _read_entry(shard: Shard) -> tuple[Any, ...] | None:
+    try:
+        return entry_of(read_tail(shard))
+    except OSError:
+        return None
+    except StorageError:
+        info = shard.path.look() if isinstance(shard.path, RemotePath) else None
+        if info is not None and info.version == shard.tag:
+            raise
+        return None  # replaced since it was listed: what it is now, the next listing says
