@@ -23,7 +23,9 @@ from xml.sax.saxutils import escape
 
 PAGE = 1000
 TIME = "2026-11-27T00:00:00.000Z"
-HEAD = '<?xml version="1.0" encoding="UTF-8"?><ListBucketResult xmlns="http://s3.amazonaws.com/doc/2006-03-01/">'
+HEAD = (
+    '<?xml version="1.0" encoding="UTF-8"?><ListBucketResult xmlns="http://s3.amazonaws.com/doc/2006-03-01/">'
+)
 Item = tuple[str, str, int]  # key, tag, bytes
 
 
@@ -90,7 +92,9 @@ class Store:
         if stage in self.stages and prefix.endswith("/"):
             yield from self._archive(self.stages.index(stage), prefix, key)
             return
-        place = bisect.bisect_right(self.keys, key) if key >= prefix else bisect.bisect_left(self.keys, prefix)
+        place = (
+            bisect.bisect_right(self.keys, key) if key >= prefix else bisect.bisect_left(self.keys, prefix)
+        )
         while place < len(self.keys) and self.keys[place].startswith(prefix):
             name = self.keys[place]
             yield name, self.objects[name][1], len(self.objects[name][0])
@@ -116,7 +120,9 @@ class Handler(BaseHTTPRequestHandler):
     def _parts(self) -> tuple[str, dict[str, str]]:
         split = urlsplit(self.path)
         _, _, key = unquote(split.path).lstrip("/").partition("/")
-        return key, {name: values[0] for name, values in parse_qs(split.query, keep_blank_values=True).items()}
+        return key, {
+            name: values[0] for name, values in parse_qs(split.query, keep_blank_values=True).items()
+        }
 
     def _answer(self, status: int, content: bytes = b"", **headers: str) -> None:
         self.send_response(status)
@@ -245,7 +251,9 @@ def serve(store: Store, ready: Callable[[int], object]) -> None:
 
 def main() -> None:
     """Serve what the command line names."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--segments", type=int, default=0)
     parser.add_argument("--stages", default="")
     parser.add_argument("--files", type=Path)

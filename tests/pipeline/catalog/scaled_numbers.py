@@ -160,8 +160,6 @@ def workspace_of(folder: Path, preset: str = "", version: int = 1) -> Workspace:
         preset: Whose values stand over the others.
         version: That of the code of `double`.
     """
-    stages = tuple(
-        replace(stage, version=version) if stage.name == "double" else stage for stage in STAGES
-    )
+    stages = tuple(replace(stage, version=version) if stage.name == "double" else stage for stage in STAGES)
     pipeline = Pipeline(stages, ("scale", "double"), _family, _no_model, lambda drive, config: drive)
     return Workspace(pipeline, folder / "stages", folder / "out", preset)

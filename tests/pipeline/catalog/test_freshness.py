@@ -228,7 +228,10 @@ def test_parts_of_several_processes_count_and_are_merged(folder: Path) -> None:
         stage = workspace.pipeline.by_name["double"]
         assert fresh_segments(workspace, [stage], segments, reading=reading) == set(segments)
     catalog = folder / "out" / "catalog"
-    assert sorted(path.name for path in (catalog / "double").iterdir()) == ["1-of-2.parquet", "2-of-2.parquet"]
+    assert sorted(path.name for path in (catalog / "double").iterdir()) == [
+        "1-of-2.parquet",
+        "2-of-2.parquet",
+    ]
     opened: list[int] = []
     by_arrays(workspace_of(folder), tick=lambda: opened.append(1))
     assert len(opened) == DRIVES  # those of `share` alone

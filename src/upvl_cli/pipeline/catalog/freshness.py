@@ -183,7 +183,10 @@ class Freshness:
                 parts = stamp_parts(footer.stamp)
                 settings = text_hash(settings_text(self._workspace.makers(stage, values), list(inputs)))
                 files = digest_prefix(self._workspace.files_digest(stage, WHOLE_DATASET, values))
-                raw = {name: digest_prefix(digest) for name, digest in (parts.raw if isinstance(parts.raw, dict) else {}).items()}
+                raw = {
+                    name: digest_prefix(digest)
+                    for name, digest in (parts.raw if isinstance(parts.raw, dict) else {}).items()
+                }
                 recorded = {name: digest_prefix(digest) for name, digest in parts.inputs.items()}
                 matches = (parts.settings, digest_prefix(parts.files), recorded) == (settings, files, inputs)
             except (ValueError, TypeError, AttributeError):

@@ -18,7 +18,10 @@ from upvl_cli.pipeline.storage.listing import list_objects
 from upvl_cli.pipeline.storage.remote_path import RemotePath
 
 _SUFFIX = ".parquet"
-_PART_NAMES, _MOST_PARTS = 20_000, 16  # a part has twenty pages or more: where it ends is not known to the store
+_PART_NAMES, _MOST_PARTS = (
+    20_000,
+    16,
+)  # a part has twenty pages or more: where it ends is not known to the store
 
 
 @dataclass(frozen=True)
@@ -91,7 +94,9 @@ def _list_remote(folder: RemotePath, segments: pa.Array) -> Listing:
     found = list_objects(folder, _SUFFIX, splits)
     names, tags = (found[column].combine_chunks() for column in ("name", "e_tag"))
     size_bytes = found["size"].to_numpy()
-    return Listing(names, size_bytes, object_versions(tags, size_bytes, found["last_modified"].to_numpy()), tags)
+    return Listing(
+        names, size_bytes, object_versions(tags, size_bytes, found["last_modified"].to_numpy()), tags
+    )
 
 
 def object_versions(
