@@ -42,10 +42,34 @@ def make_settings(folder: Path, root: Path) -> Workspace:
     """Copy the settings that ship; the stages of all drives read the first ten."""
     shutil.copytree(ROOT / "stages", folder / "stages")
     write_raw(folder, "kitti", root, immutable=False)
+    set_drives(folder, FEW)
+    return Workspace(PIPELINE, folder / "stages", folder / "out")
+
+
+def set_drives(folder: Path, drives: list[str]) -> None:
+    """Name the drives that the stages of the whole dataset read."""
     for stage in ("pca", "train"):
         path = folder / "stages" / f"{stage}.toml"
-        path.write_text(path.read_text().replace('drives = ["*"]', f"drives = {json.dumps(FEW)}"))
-    return Workspace(PIPELINE, folder / "stages", folder / "out")
+        path.write_text(path.read_text().replace('drives = ["*"]', f"drives = {json.dumps(drives)}"))
+
+
+def dataset_shard(
+    workspace: Workspace,
+    stage: AnyStage,
+    raw: dict[str, str],
+    digests: dict[tuple[str, str], str],
+    scratch: Path,
+) -> bytes:
+    """Return the shard of a stage of the whole dataset.
+
+    Args:
+        workspace: Its settings.
+        stage: The stage.
+        raw: Digest of the content of each drive that it reads.
+        digests: Digest of the footer of each shard that it reads, by stage and segment.
+        scratch: Folder for one shard.
+    """
+    return _shard(stage, _stamp(workspace, stage, workspace.drives_of(stage), raw, digests), scratch)
 
 
 def write_raw(folder: Path, dataset: str, root: Path, *, immutable: bool) -> None:
@@ -68,8 +92,7 @@ def shards(workspace: Workspace, put: Put, scratch: Path) -> Iterator[tuple[str,
     digests: dict[tuple[str, str], str] = {}
     for stage in PIPELINE.stages:
         if stage.is_of_dataset:
-            stamp = _stamp(workspace, stage, workspace.drives_of(stage), raw, digests)
-            content = _shard(stage, stamp, scratch)
+            content = dataset_shard(workspace, stage, raw, digests, scratch)
             put(f"{stage.name}/{WHOLE_DATASET}.parquet", content)
             digests[stage.name, WHOLE_DATASET] = _digest(content)
             yield stage.name, WHOLE_DATASET

@@ -139,14 +139,27 @@ def _only(entries: Entries, places: Places) -> Entries:
 def _save(out: Path, stage: str, listing: Listing, entries: Entries, part: str) -> bool:
     """Write entries of a stage; return whether that could be done: where not, they are read again the next time."""
     keep = np.flatnonzero(entries["version"] != 0)
-    columns = {_SEGMENT: listing.segment.take(pa.array(keep))}
-    columns |= {name: pa.array(np.ascontiguousarray(entries[name][keep])) for name in ENTRY.names or ()}
     try:
-        with atomic_file(out / FOLDER / (f"{stage}/{part}.parquet" if part else f"{stage}.parquet")) as file:
-            pq.write_table(
-                pa.table(columns), file, compression="zstd", use_dictionary=["settings", "files"],
-                write_page_checksum=True,
-            )  # fmt: skip
+        write_entries(out, stage, listing.segment.take(pa.array(keep)), entries[keep], part)
     except (UpvlError, OSError):
         return False
     return True
+
+
+def write_entries(out: Path, stage: str, segments: pa.Array, entries: Entries, part: str = "") -> None:
+    """Write the catalogue of a stage.
+
+    Args:
+        out: Folder of the results.
+        stage: Name of the stage.
+        segments: n names.
+        entries: (n,) entries.
+        part: Name of a file beside others; empty for the file of all.
+    """
+    columns = {_SEGMENT: segments}
+    columns |= {name: pa.array(np.ascontiguousarray(entries[name])) for name in ENTRY.names or ()}
+    with atomic_file(out / FOLDER / (f"{stage}/{part}.parquet" if part else f"{stage}.parquet")) as file:
+        pq.write_table(
+            pa.table(columns), file, compression="zstd", use_dictionary=["settings", "files"],
+            write_page_checksum=True,
+        )  # fmt: skip
