@@ -13,6 +13,8 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 
+import numpy as np  # noqa: E402
+
 from tiny_kitti import write_drive  # noqa: E402
 from upvl_cli.commands.pipeline import PIPELINE  # noqa: E402
 from upvl_cli.pipeline.pipeline import AnyStage  # noqa: E402
@@ -26,7 +28,7 @@ Put = Callable[[str, bytes], object]
 
 
 def make_drives(root: Path, drives: int, frames: int) -> int:
-    """Write drives in KITTI's raw layout, whose files are links to those of the first; return the files of each."""
+    """Write drives in KITTI's raw layout, all files but one links to those of the first; return the files of each."""
     first = write_drive(root, frames=frames, drive=0).folder
     files = [path for path in first.rglob("*") if path.is_file()]
     for number in range(1, drives):
@@ -35,6 +37,12 @@ def make_drives(root: Path, drives: int, frames: int) -> int:
             (folder / path.relative_to(first)).mkdir(parents=True, exist_ok=True)
         for path in files:
             os.link(path, folder / path.relative_to(first))
+        sweep = folder / "velodyne_points" / "data" / "0000000000.bin"
+        content = sweep.read_bytes()
+        sweep.unlink()
+        sweep.write_bytes(
+            np.float32(10 + number * 1e-3).tobytes() + content[4:]
+        )  # no two drives are the same
     return len(files)
 
 

@@ -9,7 +9,6 @@ import contextlib
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -112,13 +111,13 @@ def _take(path: Path, listing: Listing, entries: Entries) -> None:
 
 def _open(folder: Path, listing: Listing, places: Places, entries: Entries, tick: Callable[[], None]) -> None:
     """Read the footers of some shards."""
-    names, tags = listing.segment.take(pa.array(places)), listing.tag
-    found = [] if tags is None else tags.take(pa.array(places)).to_pylist()
+    chosen = pa.array(places)
+    names = listing.segment.take(chosen).to_pylist()
+    tags = [""] * len(names) if listing.tag is None else listing.tag.take(chosen).to_pylist()
+    sizes = listing.size_bytes[places].tolist()
     shards = [
-        Shard(folder / f"{name}.parquet", size_bytes, tag or "")
-        for name, size_bytes, tag in zip_longest(
-            names.to_pylist(), listing.size_bytes[places].tolist(), found, fillvalue=""
-        )
+        Shard(folder / f"{name}.parquet", size, tag or "")
+        for name, size, tag in zip(names, sizes, tags, strict=True)
     ]
     for place, entry in zip(places.tolist(), read_entries(shards, tick), strict=True):
         if entry is None:  # for now: it is tried again the next time
