@@ -152,14 +152,15 @@ def add_drive(folder: Path, name: str) -> None:
         (drive / f"{index}.txt").write_text(f"{index + 1}.0")
 
 
-def workspace_of(folder: Path, preset: str = "", version: int = 1) -> Workspace:
+def workspace_of(folder: Path, preset: str = "", version: int = 1, out: Path | None = None) -> Workspace:
     """The workspace as a new command finds it.
 
     Args:
         folder: Where `make` put it.
         preset: Whose values stand over the others.
         version: That of the code of `double`.
+        out: Where the shards are; None for `out` of the folder.
     """
     stages = tuple(replace(stage, version=version) if stage.name == "double" else stage for stage in STAGES)
     pipeline = Pipeline(stages, ("scale", "double"), _family, _no_model, lambda drive, config: drive)
-    return Workspace(pipeline, folder / "stages", folder / "out", preset)
+    return Workspace(pipeline, folder / "stages", out or folder / "out", preset)
