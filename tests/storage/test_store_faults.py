@@ -87,8 +87,7 @@ def test_no_secret_is_in_what_a_run_leaves_or_says(server: Server, tmp_path: Pat
         assert len(failed.stderr.strip().splitlines()) == 1, failed.stderr
         texts += [failed.stdout, failed.stderr]
     program = (
-        "from upvl_cli.pipeline.storage.location import location
-"
+        "from upvl_cli.pipeline.storage.location import location\n"
         "location('s3://drives/x').bucket.put('k', object())"
     )
     bug = subprocess.run(

@@ -112,15 +112,27 @@ def status(
         return
     from rich.console import Console
 
-    from upvl_cli.cli.progress import status_table
+    from upvl_cli.cli.progress import Counter, status_table
     from upvl_cli.commands.status import status as statuses
 
-    Console().print(status_table(statuses(context.obj)))
+    with Counter("reading footers of shards") as footers:
+        found = statuses(context.obj, footers.tick)
+    Console().print(status_table(found))
 
 
 @app.command()
 def plan(
     context: typer.Context,
+    next_: Annotated[
+        int | None,
+        typer.Option(
+            "--next",
+            metavar="COUNT",
+            min=1,
+            help="Print at most that many shards that can be made now, a line each: stage, tab, drive. Their inputs "
+            "are fresh, so that they can be made in any order; no rules are written.",
+        ),
+    ] = None,
     estimate: Estimate = False,
     drives: Drives = None,
     sample: SampleSize = 2,
@@ -129,7 +141,7 @@ def plan(
     price_gpu_hour: GpuPrice = None,
     price_tb_month: StoragePrice = None,
 ) -> None:
-    """Write the rules and marks that make follows; or, with --estimate, estimate what labelling takes."""
+    """Write the rules and marks that make follows; or print the next shards to make, or what labelling takes."""
     if estimate:
         from upvl_cli.cli.costs import print_estimate
         from upvl_cli.commands.cost_estimate import Prices
@@ -137,18 +149,23 @@ def plan(
         prices = Prices(price_cpu_hour, price_gpu_hour, price_tb_month)
         print_estimate(context.obj, drives=drives, sample=sample, workers=workers, prices=prices)
         return
-    if (drives, sample, workers, price_cpu_hour, price_gpu_hour, price_tb_month) != (
-        None,
-        2,
-        1,
-        None,
-        None,
-        None,
-    ):
+    of_estimate = (drives, sample, workers, price_cpu_hour, price_gpu_hour, price_tb_month)
+    if of_estimate != (None, 2, 1, None, None, None):
         raise BadSetting("the options of plan need --estimate: upvl plan --estimate")
-    from upvl_cli.pipeline.make_rules import write_rules
+    if next_ is None:
+        from upvl_cli.pipeline.make_rules import write_rules
 
-    write_rules(context.obj)
+        write_rules(context.obj)
+        return
+    from upvl_cli.cli.progress import Counter
+    from upvl_cli.pipeline.catalog.catalog import Reading
+    from upvl_cli.pipeline.catalog.tasks import next_tasks
+
+    workspace: Workspace = context.obj
+    with Counter("reading footers of shards") as footers:
+        tasks = next_tasks(workspace, workspace.pipeline.stages, next_, Reading(tick=footers.tick))
+    for stage, segment in tasks:
+        print(f"{stage}\t{segment}")
 
 
 @app.command()

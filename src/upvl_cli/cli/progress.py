@@ -121,6 +121,39 @@ class _StageCount:
     seconds: float = 0.0
 
 
+class Counter:
+    """Counts things whose number is not known before: a live display on a terminal, nothing elsewhere."""
+
+    def __init__(self, what: str) -> None:
+        """Start with nothing done.
+
+        Args:
+            what: What is done, in words.
+        """
+        self._bars = bars.Progress(
+            bars.TextColumn(f"{what}: {{task.completed:.0f}}"),
+            console=Console(stderr=True),
+            transient=True,
+            disable=not sys.stderr.isatty(),
+        )
+        self._task = self._bars.add_task(what, total=None)
+
+    def __enter__(self) -> Self:
+        """Show the display."""
+        self._bars.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Take the display away."""
+        self._bars.stop()
+
+    def tick(self) -> None:
+        """Count one more."""
+        self._bars.advance(self._task)
+
+
 def status_table(statuses: Sequence[StageStatus]) -> Table:
     """Return the state of every stage as a table for the terminal."""
     table = Table(box=None, pad_edge=False)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections import defaultdict
+from collections.abc import Callable
 from dataclasses import dataclass
 
+from upvl_cli.errors import BadInput
+from upvl_cli.pipeline.catalog.catalog import Reading
+from upvl_cli.pipeline.catalog.freshness import Freshness
 from upvl_cli.pipeline.pipeline import AnyStage
-from upvl_cli.pipeline.run_log import RunRecord, last_runs
+from upvl_cli.pipeline.run_log import last_runs
 from upvl_cli.pipeline.runner import state
 from upvl_cli.pipeline.stage import WHOLE_DATASET
-from upvl_cli.pipeline.tables import read_footer
 from upvl_cli.pipeline.workspace import Workspace
 
 
@@ -38,48 +41,43 @@ class StageStatus:
     reason: str
 
 
-def status(workspace: Workspace) -> list[StageStatus]:
+def status(workspace: Workspace, tick: Callable[[], None] = lambda: None) -> list[StageStatus]:
     """Return the status of each stage, in order; a shard made from one that is not fresh is stale.
 
     Args:
         workspace: The workspace of the shards.
+        tick: Called after each footer that had to be read because the catalogue does not know it.
     """
-    states = {segment: dict(_states(workspace, segment)) for segment in workspace.segments}
-    runs = last_runs(workspace.out)
-    return [_stage_status(workspace, stage, states, runs) for stage in workspace.pipeline.stages]
+    found = Freshness(workspace, reading=Reading(tick=tick))
+    known = {WHOLE_DATASET, *workspace.segments}
+    seconds: defaultdict[str, float] = defaultdict(float)
+    for (stage, segment), run in last_runs(workspace.out).items():
+        seconds[stage] += run.seconds if segment in known else 0.0
+    return [
+        _stage_status(workspace, stage, found, seconds[stage.name]) for stage in workspace.pipeline.stages
+    ]
 
 
-def _states(workspace: Workspace, segment: str) -> Iterator[tuple[str, tuple[str, str]]]:
-    """Yield the name, the condition and the reason of each stage of one drive."""
-    conditions: dict[str, str] = {}
-    for stage in workspace.pipeline.stages:
-        condition, reason = state(workspace, stage, WHOLE_DATASET if stage.is_of_dataset else segment)
-        not_fresh = [name for name in stage.reads if conditions.get(name, "fresh") != "fresh"]
-        if condition == "fresh" and not_fresh:
-            condition, reason = "stale", f"{not_fresh[0]} is {conditions[not_fresh[0]]}"
-        conditions[stage.name] = condition
-        yield stage.name, (condition, reason)
-
-
-def _stage_status(
-    workspace: Workspace,
-    stage: AnyStage,
-    states: dict[str, dict[str, tuple[str, str]]],
-    runs: Mapping[tuple[str, str], RunRecord],
-) -> StageStatus:
-    of_segment = {segment: all_states[stage.name] for segment, all_states in states.items()}
-    if stage.is_of_dataset:
-        of_segment = {WHOLE_DATASET: next(iter(of_segment.values()))}
-    conditions = [condition for condition, _ in of_segment.values()]
-    paths = [workspace.shard(stage.name, segment) for segment in of_segment]
-    footers = [footer for footer in map(read_footer, paths) if footer]
+def _stage_status(workspace: Workspace, stage: AnyStage, found: Freshness, seconds: float) -> StageStatus:
+    condition = found.stages[stage.name]
+    stale = ~condition.fresh & ~condition.missing
     return StageStatus(
         stage=stage.name,
-        fresh=conditions.count("fresh"),
-        stale=conditions.count("stale"),
-        missing=conditions.count("missing"),
-        rows=sum(footer.rows for footer in footers),
-        size_bytes=sum(path.stat().st_size for path in paths if path.exists()),
-        seconds=sum(runs[key].seconds for segment in of_segment if (key := (stage.name, segment)) in runs),
-        reason=next((reason for condition, reason in of_segment.values() if condition == "stale"), ""),
+        fresh=int(condition.fresh.sum()),
+        stale=int(stale.sum()),
+        missing=int(condition.missing.sum()),
+        rows=condition.rows,
+        size_bytes=condition.size_bytes,
+        seconds=seconds,
+        reason=_reason(workspace, stage, found, int(stale.argmax())) if stale.any() else "",
     )
+
+
+def _reason(workspace: Workspace, stage: AnyStage, found: Freshness, place: int) -> str:
+    """Return why a shard is stale, from its own footer and those of its inputs."""
+    try:
+        segment = WHOLE_DATASET if stage.is_of_dataset else found.segments[place]
+        condition, reason = state(workspace, stage, segment)
+    except BadInput as error:
+        return str(error)
+    return reason if condition != "fresh" else found.input_not_fresh(stage, place)

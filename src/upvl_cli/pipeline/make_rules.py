@@ -5,17 +5,26 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from upvl_cli.errors import BadSetting
 from upvl_cli.pipeline.pipeline import AnyStage, Pipeline
 from upvl_cli.pipeline.stage import NOT_MADE, WHOLE_DATASET
+from upvl_cli.pipeline.storage.remote_path import is_remote
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.runtime.atomic import write_if_changed
+
+# GNU make 4.3 takes 6 s and 0.2 GB to look at all targets of 5 000 drives, and 26 s and 0.9 GB for these.
+MOST_DRIVES = 20_000
 
 
 def write_rules(workspace: Workspace) -> Path:
     """Write the marks that make compares and the rules that it follows; return the path of the rules.
 
     A mark is rewritten only where it would differ, so a comment or a touch remakes nothing.
+
+    Raises:
+        BadSetting: The shards are out of the reach of make, or there are too many of them.
     """
+    _check_reach(workspace)
     for segment in workspace.segments:
         workspace.mark_raw(segment)
     workspace.mark_model()
@@ -29,6 +38,16 @@ def write_rules(workspace: Workspace) -> Path:
     drives = {stage.name: workspace.drives_of(stage) for stage in pipeline.stages if stage.is_of_dataset}
     write_if_changed(path, rules(pipeline, workspace.segments, drives))
     return path
+
+
+def _check_reach(workspace: Workspace) -> None:
+    remedy = "run upvl autolabel with --on, or give the tasks of upvl plan --next 1000 to a scheduler"
+    if is_remote(workspace.out):
+        raise BadSetting(
+            f"{workspace.out} is out of the reach of make, which asks for the dates of files; {remedy}"
+        )
+    if (drives := len(workspace.segments)) > MOST_DRIVES:
+        raise BadSetting(f"{drives} drives are too many for make, which has up to {MOST_DRIVES}; {remedy}")
 
 
 def rules(pipeline: Pipeline, segments: Sequence[str], drives: Mapping[str, Sequence[str]]) -> str:

@@ -153,7 +153,7 @@ class Table(Generic[R]):
         self._file = _open(path)
         self._schema = schema_of(row)
         missing = [name for name in self._schema.names if name not in self._file.schema_arrow.names]
-        footer = _footer_of(self._file.metadata)
+        footer = footer_of(self._file.metadata)
         if missing or footer is None:
             fault = (
                 f"has no column {', '.join(missing)}" if missing else "is damaged (its footer says nothing)"
@@ -291,12 +291,13 @@ class Footer:
 def read_footer(path: Path) -> Footer | None:
     """Return the footer of a shard, or None where there is no whole shard."""
     try:
-        return _footer_of(pq.read_metadata(_source(path)))
+        return footer_of(pq.read_metadata(_source(path)))
     except (OSError, pa.ArrowException):
         return None
 
 
-def _footer_of(metadata: pq.FileMetaData) -> Footer | None:
+def footer_of(metadata: pq.FileMetaData) -> Footer | None:
+    """Return what a shard says of itself, from the metadata of its file; None where it is no whole shard."""
     try:
         pairs = metadata.metadata or {}
         stamp, counts = pairs[STAMP_KEY].decode(), json.loads(pairs[COUNTS_KEY])
@@ -317,9 +318,14 @@ def footer_digest(path: Path) -> str:
     """
     try:
         with path.open("rb") as file:
-            file.seek(-8, os.SEEK_END)
-            length = int.from_bytes(file.read(4), "little")
-            file.seek(-8 - length, os.SEEK_END)
-            return hashlib.sha256(file.read(length)).hexdigest()
+            return footer_digest_of(file)
     except OSError:
         return ""
+
+
+def footer_digest_of(file: IO[bytes]) -> str:
+    """Return the digest of the footer that a file ends with; raises `OSError` where there is no room for one."""
+    file.seek(-8, os.SEEK_END)
+    length = int.from_bytes(file.read(4), "little")
+    file.seek(-8 - length, os.SEEK_END)
+    return hashlib.sha256(file.read(length)).hexdigest()

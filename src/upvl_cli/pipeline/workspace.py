@@ -5,10 +5,11 @@ from __future__ import annotations
 import contextlib
 import difflib
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,6 +40,11 @@ class RawConfig(Config):
         "s3://bucket/drives; the dataset synthetic has none"
     )
     segments: tuple[str, ...] = setting("names of the drives to process; an empty list takes all of them")
+    immutable_files: bool = setting(
+        "whether the files of a drive never change once it is there: then only new drives are looked at to find what "
+        "is fresh",
+        default=False,
+    )
     corrections: CorrectionsConfig = table(
         "what is wrong in what the drives say of themselves", CorrectionsConfig()
     )
@@ -49,6 +55,14 @@ class VlmConfig(Config):
     """Which vision-language model: the settings in `stages/vlm.toml`."""
 
     model: str = setting("the model, with a colon before its weights where it needs some: clip:/models/b16")
+
+
+def nearest_of(name: str, known: Collection[str]) -> str:
+    """Return a hint at the known name that is most like a given one, and some that there are."""
+    most = 10_000  # comparing takes a second with that many
+    close = difflib.get_close_matches(name, list(islice(known, most)), n=1)
+    hint = f"; did you mean {close[0]!r}?" if close else ""
+    return f"{hint} (known: {', '.join(islice(known, 5))}{', ...' if len(known) > 5 else ''})"
 
 
 class Workspace:
@@ -100,8 +114,8 @@ class Workspace:
             BadInput: A segment's name could not be a file name, or there is none at all.
         """
         known = self.dataset.segments
-        for name in self.raw.segments:
-            self.check_name(name, known)
+        if unknown := set(self.raw.segments).difference(known):
+            self.check_name(min(unknown, key=self.raw.segments.index), known)
         chosen = tuple(dict.fromkeys(self.raw.segments)) or known
         if not chosen:
             raise BadInput(
@@ -114,13 +128,14 @@ class Workspace:
                 )
         return chosen
 
-    def check_name(self, name: str, known: tuple[str, ...]) -> None:
+    @cached_property
+    def _names(self) -> frozenset[str]:
+        return frozenset(self.segments)
+
+    def check_name(self, name: str, known: Collection[str]) -> None:
         """Refuse a segment that is not among the known ones."""
-        if name not in known:
-            close = difflib.get_close_matches(name, known, n=1)
-            hint = f"; did you mean {close[0]!r}?" if close else ""
-            few = f" (known: {', '.join(known[:5])}{', ...' if len(known) > 5 else ''})"
-            raise BadSetting(f"unknown segment {name!r}{hint}{few}; see: upvl segments")
+        if name not in (self._names if known is self.__dict__.get("segments") else known):
+            raise BadSetting(f"unknown segment {name!r}{nearest_of(name, known)}; see: upvl segments")
 
     def drive(self, segment: str) -> Drive:
         """Return the opened drive; only the last one stays open."""
@@ -208,10 +223,15 @@ class Workspace:
             if stage.is_of_dataset
             else self._fingerprint(segment).digest
         )
-        made = self._makers(stage, settings) | {"raw": self._adapter() | {"content": content}}
+        makers = self.makers(stage, settings)
+        made = makers | {"raw": makers["raw"] | {"content": content}}
         if digest := self.files_digest(stage, segment, settings):
             made |= {"files": {"content": digest}}
         return to_json(made | {"inputs": made_from})
+
+    def makers(self, stage: AnyStage, settings: Config | None = None) -> dict[str, Any]:
+        """Return what makes the shards of a stage, without the content of drives and inputs."""
+        return self._makers(stage, settings) | {"raw": self._adapter()}
 
     def files_digest(self, stage: AnyStage, segment: str, settings: Config | None = None) -> str:
         """Return a digest of the files that a stage's settings name for a drive; empty where they name none."""
@@ -291,15 +311,16 @@ class Workspace:
 
     def _fingerprint(self, segment: str) -> Fingerprint:
         if segment not in self._fingerprints:
-            self._fingerprints[segment] = fingerprint(self.drive(segment).files, self._cache_path(segment))
+            self._fingerprints[segment] = fingerprint(self.drive(segment).files, self.seen_path(segment))
         return self._fingerprints[segment]
 
-    def _cache_path(self, segment: str) -> Path:
+    def seen_path(self, segment: str) -> Path:
+        """Return the path of the digest of a drive's files, with their state on this disk."""
         return self.out / "raw" / f"{segment}.seen"
 
     def mark_raw(self, segment: str) -> Path:
         """Write `out/raw/<segment>.stamp`, which make compares, where the drive's content has changed."""
         path = self.shard("raw", segment)
         write_if_changed(path, self.raw_stamp(segment))
-        write_if_changed(self._cache_path(segment), self._fingerprint(segment).cached)
+        write_if_changed(self.seen_path(segment), self._fingerprint(segment).cached)
         return path

@@ -51,12 +51,13 @@ class City:
             raise BadInput(
                 f"the synthetic dataset has no segment {segment!r}; it has {', '.join(self.segments)}"
             )
-        if self._last is None or self._last.name != segment:  # a city takes seconds to build
+        drive = self._last
+        if drive is None or drive.name != segment:  # a city takes seconds to build
             split, _, number = segment.rpartition("-")
-            self._last = CityDrive(
+            drive = self._last = CityDrive(
                 name=segment,
                 seed=(self.settings.seed, SPLITS.index(split), int(number)),
                 without=self.settings.held_out if split == "train" else (),
                 settings=self.settings,
             )
-        return self._last
+        return drive
