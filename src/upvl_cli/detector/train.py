@@ -165,7 +165,7 @@ def _step(
     of_batch = _losses_of(setup, frames)
     # A loss is a mean over frames: where processes have unequal numbers of frames, their means count accordingly.
     share = len(frames) * setup.group.size / setup.config.batch
-    (of_batch.total * share).backward()
+    (of_batch.total * share).backward()  # type: ignore[no-untyped-call]
     weights = list(setup.detector.parameters())
     for weight in weights:
         if weight.grad is None:  # nothing in this batch reaches it: another process may differ

@@ -82,7 +82,7 @@ class CachedSweeps:
         arrays = make()
 
         def write(file: IO[bytes]) -> str:
-            np.savez(file, **arrays)
+            np.savez(file, allow_pickle=False, **arrays)
             return self._stamp
 
         self._cache.add(address, write)
