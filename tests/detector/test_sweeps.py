@@ -11,7 +11,6 @@ from scenes import SHIPPED, shifted
 
 from upvl_cli.detector.config import AugmentationConfig, HandCorrectionsConfig, SamplingConfig
 from upvl_cli.detector.data.frames import DriveFrames, Source
-from upvl_cli.detector.data.sampler import frame_at
 from upvl_cli.detector.data.scene import TrainingScene
 from upvl_cli.detector.data.sweeps import Trajectory, TwoSweeps
 from upvl_cli.detector.grid import Grid
@@ -164,17 +163,25 @@ def test_of_each_drive_the_end_is_held_out_and_labels_stand_above_the_road() -> 
             mirror_probability=0.0, max_turn_rad=0.0, scale_jitter=0.0, pasted_objects=0
         ),
     )
-    frames = DriveFrames({"a": 10, "b": 4}, source, grid=GRID, values=lambda c: c * 1.0, config=still)
+    frames = DriveFrames(
+        ["a", "b"], np.array([10, 4]), source, grid=GRID, values=lambda c: c * 1.0, config=still
+    )
     assert (frames.train, frames.held_out) == (7 + 3, 3 + 1)
     twice = replace(still, hand_corrections=HandCorrectionsConfig(folder="", weight=3))
     more_often = DriveFrames(
-        {"a": 10, "b": 4}, source, grid=GRID, values=lambda c: c * 1.0, config=twice, corrected={"b"}
+        ["a", "b"],
+        np.array([10, 4]),
+        source,
+        grid=GRID,
+        values=lambda c: c * 1.0,
+        config=twice,
+        corrected={"b"},
     )
     assert (more_often.train, more_often.held_out) == (7 + 3 * 3, 3 + 1)
     first = [round(frames.unchanged(number).points[0, 0] * 10) for number in range(14)]
     assert first == [*range(7), 100, 101, 102, 7, 8, 9, 103]
     np.testing.assert_allclose(frames.unchanged(0).boxes.to_rows(), [[10, 3, 1.0, 4, 2, 1.5, 0.3]])
-    number = frame_at(5, 10, still.seed)
+    number = frames.number_at(5)
     more = {number: shifted(labels, x=5, z=2)}
     sample = frames.augmented(5, more)
     assert round(sample.points[0, 0] * 10) == first[number]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +14,7 @@ from scenes import SHIPPED, small_config, street
 from upvl_cli.detector.checkpoint import TrainState, load_checkpoint, pack_weights, save_checkpoint
 from upvl_cli.detector.config import TrainConfig
 from upvl_cli.detector.data.batch import Sample
-from upvl_cli.detector.data.sampler import frame_at
+from upvl_cli.detector.data.sampler import FrameOrder
 from upvl_cli.detector.loss import FeatureSpace
 from upvl_cli.detector.model import Detector
 from upvl_cli.detector.process_group import ProcessGroup, half_precision
@@ -50,8 +48,11 @@ class Streets:
     def unchanged(self, number: int) -> Sample:
         return street(number)
 
+    def number_at(self, index: int) -> int:
+        return FrameOrder(self.train, CONFIG.seed, CONFIG.shuffle).frame_at(index)
+
     def augmented(self, index: int, pseudo_labels: Mapping[int, Boxes]) -> Sample:
-        number = frame_at(index, self.train, CONFIG.seed)
+        number = self.number_at(index)
         self.pseudo_labelled += [number] * (number in pseudo_labels)
         return street(number)
 
@@ -114,51 +115,6 @@ def test_a_second_round_learns_from_what_the_first_found() -> None:
     assert all(len(boxes) for boxes in state.pseudo_labels.values())
     first = train(setup_of(replace(CONFIG, steps=2)), TrainState(), save=nothing, tick=nothing)
     assert state.curve[0] == first.curve[0]
-
-
-def test_each_frame_comes_once_a_turn_in_an_order_of_the_seed() -> None:
-    def turn(number: int, seed: int) -> list[int]:
-        return [frame_at(at, 10, seed) for at in range(10 * number, 10 * number + 10)]
-
-    assert sorted(turn(0, 1)) == list(range(10))
-    assert turn(1, 1) == turn(1, 1)
-    assert turn(0, 1) != turn(0, 2)
-    assert turn(0, 1) != turn(1, 1)
-
-
-TOGETHER = """
-import sys, json
-sys.path[:0] = {paths}
-from test_training import CONFIG, TrainState, nothing, setup_of, train
-from upvl_cli.detector.process_group import process_group
-with process_group() as group:
-    assert group.size == 2
-    state = train(setup_of(CONFIG, group), TrainState(), save=nothing, tick=nothing)
-    if group.rank == 0:
-        open({out!r}, "w").write(json.dumps([state.curve, state.checks]))
-"""
-
-
-def test_two_processes_learn_as_one(undisturbed: TrainState, tmp_path: Path) -> None:
-    import json
-
-    here = Path(__file__).parent
-    script, out = tmp_path / "together.py", tmp_path / "curve.json"
-    script.write_text(TOGETHER.format(paths=[str(here), str(here.parent)], out=str(out)))
-    command = [
-        sys.executable,
-        "-m",
-        "torch.distributed.run",
-        "--standalone",
-        "--nproc-per-node",
-        "2",
-        str(script),
-    ]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
-    assert done.returncode == 0, done.stderr
-    curve, checks = json.loads(out.read_text())
-    np.testing.assert_allclose(curve, undisturbed.curve, rtol=1e-5, atol=1e-6)
-    np.testing.assert_allclose(checks, undisturbed.checks, rtol=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -47,46 +48,68 @@ class TrainState:
     pseudo_labels: dict[int, Boxes] = field(default_factory=dict)
 
 
-def save_checkpoint(path: Path, state: TrainState, stamp: str) -> None:
-    """Write a checkpoint, whole or not at all.
+def pack_checkpoint(state: TrainState, stamp: str) -> bytes:
+    """Return the bytes of a checkpoint, which any number of processes can go on from.
 
     Args:
-        path: The file to write.
         state: How far training is.
-        stamp: What made the training: another one does not go on from this file.
+        stamp: What made the training: another one does not go on from these bytes.
     """
-    labels = sorted(state.pseudo_labels.items())
-    rows = [np.column_stack([np.full(len(boxes), frame), boxes.to_rows()]) for frame, boxes in labels]
     tensors = {f"{part}/{name}": tensor for part in _TENSORS for name, tensor in getattr(state, part).items()}
     tensors["curve"] = torch.tensor(state.curve, dtype=torch.float64).reshape(-1, 1 + len(LOSSES))
     tensors["checks"] = torch.tensor(state.checks, dtype=torch.float64).reshape(-1, 2)
-    tensors["pseudo_labels"] = torch.from_numpy(np.concatenate([np.zeros((0, 8)), *rows]))
+    tensors["pseudo_labels"] = torch.from_numpy(rows_of_frames(state.pseudo_labels))
     header = json.dumps({"step": state.step, "lowest_loss": state.lowest_loss, "stamp": stamp})
+    return save({name: tensor.contiguous() for name, tensor in tensors.items()}, {"upvl": header})
+
+
+def save_checkpoint(path: Path, state: TrainState, stamp: str) -> None:
+    """Write a checkpoint, whole or not at all."""
     with atomic_file(path) as file:
-        file.write(save({name: tensor.contiguous() for name, tensor in tensors.items()}, {"upvl": header}))
+        file.write(pack_checkpoint(state, stamp))
 
 
-def load_checkpoint(path: Path, stamp: str) -> TrainState | None:
+def unpack_checkpoint(data: bytes, stamp: str) -> TrainState | None:
     """Return the state in a checkpoint; None where there is none, a damaged one, or one of another training."""
     try:
-        with safetensors.safe_open(path, framework="pt") as file:
-            header = json.loads((file.metadata() or {})["upvl"])
-            if header["stamp"] != stamp:
-                return None
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        tensors = load(data)
+        length = int.from_bytes(data[:8], "little")  # of the header, which `load` checks
+        header = json.loads(json.loads(data[8 : 8 + length])["__metadata__"]["upvl"])
+        if header["stamp"] != stamp:
+            return None
         state = TrainState(step=int(header["step"]), lowest_loss=float(header["lowest_loss"]))
         for part in _TENSORS:
             prefix = f"{part}/"
             of_part = {n.removeprefix(prefix): t for n, t in tensors.items() if n.startswith(prefix)}
             setattr(state, part, of_part)
         state.curve, state.checks = tensors["curve"].tolist(), tensors["checks"].tolist()
-        rows = tensors["pseudo_labels"].numpy()
-        state.pseudo_labels = {
-            int(frame): Boxes.from_rows(rows[rows[:, 0] == frame, 1:]) for frame in np.unique(rows[:, 0])
-        }
+        state.pseudo_labels = boxes_by_frame(tensors["pseudo_labels"].numpy())
         return state
-    except (OSError, safetensors.SafetensorError, KeyError, ValueError, TypeError):
+    except (safetensors.SafetensorError, KeyError, ValueError, TypeError):
         return None
+
+
+def load_checkpoint(path: Path, stamp: str) -> TrainState | None:
+    """Return the state in a file of `save_checkpoint`; None as in `unpack_checkpoint`, or where there is no file."""
+    try:
+        return unpack_checkpoint(path.read_bytes(), stamp)
+    except OSError:
+        return None
+
+
+def rows_of_frames(boxes: Mapping[int, Boxes]) -> Array:
+    """Return (n, 8) the number of the frame and the box, of each box, in ascending order of frames."""
+    frames = sorted(boxes.items())
+    rows = [np.column_stack([np.full(len(held), frame), held.to_rows()]) for frame, held in frames]
+    return np.concatenate([np.zeros((0, 8)), *rows])
+
+
+def boxes_by_frame(rows: Array) -> dict[int, Boxes]:
+    """Return what `rows_of_frames` was given."""
+    order = np.argsort(rows[:, 0], kind="stable")
+    frames, start = np.unique(rows[order, 0], return_index=True)
+    parts = np.split(rows[order, 1:], start[1:])
+    return {int(frame): Boxes.from_rows(part) for frame, part in zip(frames, parts, strict=False)}
 
 
 def pack_weights(weights: dict[str, Tensor]) -> Array:

@@ -166,6 +166,21 @@ class DecodeConfig(Config):
 
 
 @dataclass(frozen=True)
+class ShuffleConfig(Config):
+    """The order of training frames, which reads few drives at a time of an archive with many."""
+
+    chunk_frames: int = setting(
+        "consecutive frames of a drive that are taken in the same window", ge=1, le=10**6
+    )
+    window_chunks: int = setting(
+        "chunks whose frames are shuffled together; the drives of a window are read at the same time, and fewer "
+        "frames than a window has are shuffled as a whole",
+        ge=1,
+        le=10**5,
+    )
+
+
+@dataclass(frozen=True)
 class SelfTrainingConfig(Config):
     """Trainings one after the other; each but the first learns also from what the one before detected."""
 
@@ -211,6 +226,12 @@ class TrainConfig(Config):
         ge=1,
         le=10**8,
     )
+    check_frames: int = setting(
+        "largest number of held-out frames of a check; of more the same ones are taken each time, spread evenly "
+        "over all drives",
+        ge=1,
+        le=10**7,
+    )
     seed: int = setting("seed of the weights, the order of frames and all random changes", ge=0, le=2**31 - 1)
     precision: Literal["half", "full"] = setting(
         "number format; half: bfloat16 where the device has units for it; full: float32, nearly the same numbers "
@@ -224,6 +245,7 @@ class TrainConfig(Config):
     sampling: SamplingConfig = table("points whose features are learned")
     optimizer: OptimizerConfig = table("AdamW and its learning rate")
     augmentation: AugmentationConfig = table("random changes of training frames")
+    shuffle: ShuffleConfig = table("order of training frames")
     self_training: SelfTrainingConfig = table("trainings on detections of the training before")
     hand_corrections: HandCorrectionsConfig = table("labels that a person has corrected")
 

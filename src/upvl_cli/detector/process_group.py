@@ -8,10 +8,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import timedelta
 
+import numpy as np
 import torch
 from torch import Tensor, distributed
 
-_TIMEOUT = timedelta(days=1)  # the first process may first read every sweep
+from upvl_cli.types import Array
+
+# A process that waits longer for the others takes them for dead. The first step waits for the first frames of all.
+_TIMEOUT = timedelta(hours=1)
 
 
 @dataclass(frozen=True)
@@ -37,6 +41,38 @@ class ProcessGroup:
             flat /= self.size
             for tensor, part in zip(tensors, torch.split(flat, [t.numel() for t in tensors]), strict=True):
                 tensor.copy_(part.view_as(tensor))
+
+    def share(self, total: int) -> range:
+        """Return which of a number of things are this process's: nearly as many as of each other."""
+        return range(self.rank * total // self.size, (self.rank + 1) * total // self.size)
+
+    def concat(self, rows: Array) -> Array:
+        """Return the rows of all processes, (n, width) each, one process after the other."""
+        if self.size == 1:
+            return rows
+        counts = torch.zeros(self.size, dtype=torch.int64, device=self.device)
+        counts[self.rank] = len(rows)
+        distributed.all_reduce(counts)
+        padded = torch.zeros((int(counts.max()), rows.shape[1]), dtype=torch.float64)
+        padded[: len(rows)] = torch.from_numpy(np.ascontiguousarray(rows, dtype=np.float64))
+        found = [torch.empty_like(padded, device=self.device) for _ in range(self.size)]
+        distributed.all_gather(found, padded.to(self.device))
+        return np.concatenate(
+            [part[:count].cpu().numpy() for part, count in zip(found, counts.tolist(), strict=True)]
+        )
+
+    def broadcast(self, data: bytes) -> bytes:
+        """Return the bytes that the first process gives; what the others give is not read."""
+        if self.size == 1:
+            return data
+        length = torch.tensor([len(data)], dtype=torch.int64, device=self.device)
+        distributed.broadcast(length, 0)
+        held = torch.zeros(int(length), dtype=torch.uint8)
+        if self.rank == 0 and data:
+            held = torch.frombuffer(bytearray(data), dtype=torch.uint8)
+        held = held.to(self.device)
+        distributed.broadcast(held, 0)
+        return held.cpu().numpy().tobytes()
 
     def wait(self) -> None:
         """Return when all processes have called this."""

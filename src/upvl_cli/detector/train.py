@@ -6,7 +6,7 @@ No random number has a hidden state: each follows from the seed and the step.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Protocol
@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 from torch.nn.utils import clip_grad_norm_
 
-from upvl_cli.detector.checkpoint import LOSSES, TrainState
+from upvl_cli.detector.checkpoint import LOSSES, TrainState, boxes_by_frame, rows_of_frames
 from upvl_cli.detector.config import TrainConfig
 from upvl_cli.detector.data.batch import Batch, Sample, collate, concat_batches
 from upvl_cli.detector.decode import decode_output
@@ -37,7 +37,10 @@ class Frames(Protocol):
 
     @property
     def held_out(self) -> int:
-        """How many are held out."""
+        """How many are held out for the checks."""
+
+    def number_at(self, index: int) -> int:
+        """Return the number of the frame at an index of the order."""
 
     def augmented(self, index: int, pseudo_labels: dict[int, Boxes]) -> Sample:
         """Return the frame at an index of the order, randomly changed; `pseudo_labels` are more boxes of some."""
@@ -93,10 +96,10 @@ def train(
 
 def _begin_round(setup: TrainSetup, state: TrainState, initial: dict[str, Tensor]) -> TrainState:
     """Return the state at the start of a round: initial weights, and detections of the best of the round before."""
-    pseudo_labels = {}
+    pseudo_labels: dict[int, Boxes] = {}
     if state.step:
         setup.detector.load_state_dict(state.best)
-        pseudo_labels = dict(_pseudo_labels(setup))
+        pseudo_labels = _pseudo_labels(setup, range(state.step, state.step + setup.config.steps))
     return TrainState(
         state.step, initial, curve=state.curve, checks=state.checks, pseudo_labels=pseudo_labels
     )
@@ -131,16 +134,17 @@ def _run_round(
 def _frames_of_steps(
     setup: TrainSetup, steps: range, pseudo_labels: dict[int, Boxes]
 ) -> Iterator[list[tuple[Batch, Targets]]]:
-    """Yield this process's frames of each step, made ahead by threads."""
-    config, group = setup.config, setup.group
-    per_process = config.batch // group.size
-    first = (step * config.batch + group.rank * per_process for step in steps)
-    indices = (start + offset for start in first for offset in range(per_process))
+    """Yield this process's frames of each step, made ahead by threads.
+
+    The frames of a step follow from the seed and the step alone; the processes share them.
+    """
+    batch, share = setup.config.batch, setup.group.share(setup.config.batch)
+    indices = (step * batch + place for step in steps for place in share)
     frames = in_order(
         lambda index: _with_targets(setup, setup.frames.augmented(index, pseudo_labels)), indices
     )
     for _ in steps:
-        yield [next(frames) for _ in range(per_process)]
+        yield [next(frames) for _ in share]
 
 
 def _with_targets(setup: TrainSetup, sample: Sample) -> tuple[Batch, Targets]:
@@ -159,12 +163,14 @@ def _step(
         group["lr"] = learning_rate
     optimizer.zero_grad()
     of_batch = _losses_of(setup, frames)
-    of_batch.total.backward()  # type: ignore[no-untyped-call]
+    # A loss is a mean over frames: where processes have unequal numbers of frames, their means count accordingly.
+    share = len(frames) * setup.group.size / setup.config.batch
+    (of_batch.total * share).backward()  # type: ignore[no-untyped-call]
     weights = list(setup.detector.parameters())
     for weight in weights:
         if weight.grad is None:  # nothing in this batch reaches it: another process may differ
             weight.grad = torch.zeros_like(weight)
-    mean_losses = torch.stack([getattr(of_batch, name).detach().float() for name in LOSSES])
+    mean_losses = torch.stack([getattr(of_batch, name).detach().float() * share for name in LOSSES])
     setup.group.average([mean_losses, *(weight.grad for weight in weights if weight.grad is not None)])
     clip_grad_norm_(weights, setup.config.optimizer.max_gradient_norm)
     optimizer.step()
@@ -201,11 +207,19 @@ def _check(setup: TrainSetup, state: TrainState) -> None:
         state.lowest_loss, state.best = loss, _weights_of(setup.detector)
 
 
-def _pseudo_labels(setup: TrainSetup) -> Iterator[tuple[int, Boxes]]:
-    """Yield the detections in each training frame that overlap none of its labels, with the number of the frame."""
+def _pseudo_labels(setup: TrainSetup, steps: range) -> dict[int, Boxes]:
+    """Return the detections that overlap no label of their frame, by number, of all frames that some steps draw."""
+    batch, group = setup.config.batch, setup.group
+    drawn = {setup.frames.number_at(index) for index in range(steps.start * batch, steps.stop * batch)}
+    numbers = sorted(drawn)[group.rank :: group.size]
+    return boxes_by_frame(group.concat(rows_of_frames(dict(_detections(setup, numbers)))))
+
+
+def _detections(setup: TrainSetup, numbers: Sequence[int]) -> Iterator[tuple[int, Boxes]]:
+    """Yield the number of each frame with detections that overlap none of its labels, and these."""
     detector, device, config = setup.detector.train(False), setup.group.device, setup.config
     with torch.no_grad():
-        for number, sample in enumerate(in_order(setup.frames.unchanged, range(setup.frames.train))):
+        for number, sample in zip(numbers, in_order(setup.frames.unchanged, numbers), strict=True):
             batch = collate([sample], detector.grid).to(device)
             with half_precision(device, enabled=config.precision == "half"):
                 output = detector(batch)

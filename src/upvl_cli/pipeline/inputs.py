@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from upvl_cli.config.base import Config
 from upvl_cli.errors import BadInput, BadSetting
 from upvl_cli.pipeline.pipeline import AnyStage
-from upvl_cli.pipeline.stage import Row, Rows, Sweeps
+from upvl_cli.pipeline.stage import WHOLE_DATASET, Row, Rows, Sweeps
 from upvl_cli.pipeline.tables import Table
 
 if TYPE_CHECKING:
+    from upvl_cli.pipeline.storage.file_cache import FileCache
     from upvl_cli.pipeline.workspace import Workspace
-    from upvl_cli.types import Drive, Model
+    from upvl_cli.types import Drive, Ints, Model
 
 R = TypeVar("R", bound=Row)
 
@@ -77,12 +79,30 @@ class ShardInputs:
             raise BadSetting(f"{self._stage.name}: no drive has a name like {asked}; see: upvl segments")
         return names
 
+    def lengths(self, name: str, segments: Sequence[str]) -> Ints:
+        """Return (D,) how many frames the rows that another stage made of each of several drives have."""
+        from upvl_cli.pipeline.lengths import lengths_of
+
+        self._check(name)
+        return lengths_of(self._workspace, name, segments)
+
     def sweeps(self, segment: str) -> Sweeps:
         """Return the sweeps of a drive in any order, for a stage that reads each of them many times."""
-        from upvl_cli.pipeline.sweep_cache import cached_sweeps
+        from upvl_cli.pipeline.sweep_cache import CachedSweeps
 
         self._check("raw")
-        return cached_sweeps(self._workspace, segment, self.folder / "sweeps")
+        workspace = self._workspace
+
+        def open_drive() -> Drive:
+            return workspace.pipeline.correct(workspace.dataset.open(segment), workspace.raw.corrections)
+
+        return CachedSweeps(self._sweep_cache, segment, workspace.raw_stamp(segment), open_drive)
+
+    @cached_property
+    def _sweep_cache(self) -> FileCache:
+        from upvl_cli.pipeline.sweep_cache import cache_beside
+
+        return cache_beside(self.folder)
 
     @property
     def folder(self) -> Path:
@@ -111,9 +131,15 @@ class ShardInputs:
         self._check(name)
         if not issubclass(self._workspace.pipeline.by_name[name].row, row):
             raise TypeError(f"stage {name} makes no rows of {row.__name__}")
-        source = name if segment is None else f"{name}/{segment}"
-        path = dict(self._workspace.sources(self._stage, self.segment, self._settings))[source]
+        if segment is not None and segment not in self._chosen:
+            raise LookupError(f"stage {self._stage.name} opens {segment!r}, which is not among its drives")
+        is_of_dataset = self._workspace.pipeline.by_name[name].is_of_dataset
+        path = self._workspace.shard(name, WHOLE_DATASET if is_of_dataset else segment or self.segment)
         return Table(path, row)
+
+    @cached_property
+    def _chosen(self) -> frozenset[str]:
+        return frozenset(self.segments)
 
     def count(self, reason: str, items: int) -> None:
         """Add to the number of items that were kept or dropped for that reason."""

@@ -5,7 +5,7 @@ Arrow's types stand here by name, so that `upvl --help` need not load Arrow.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, Protocol, TypeVar
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, Protocol, Typ
 from upvl_cli.config.base import Config
 
 if TYPE_CHECKING:
-    from upvl_cli.types import Drive, Model, Points
+    from upvl_cli.types import Drive, Ints, Model, Points
 
 WHOLE_DATASET = "all"  # the segment of a stage that is made once for the whole dataset
 NOT_MADE = (
@@ -157,6 +157,9 @@ class Inputs(Protocol):
 
     def table(self, name: str, row: type[R], segment: str | None = None) -> Rows[R]:
         """Return the rows that another stage made of this segment, or of one that is named."""
+
+    def lengths(self, name: str, segments: Sequence[str]) -> Ints:
+        """Return how many frames the rows that another stage made of each of several drives have."""
 
     def sweeps(self, segment: str) -> Sweeps:
         """Return the sweeps of a drive, for a stage that reads each of them many times."""

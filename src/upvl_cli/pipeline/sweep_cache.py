@@ -1,104 +1,89 @@
-"""Sweeps cached on disk for a stage that reads each of them many times, where making one anew takes long.
+"""Copies of sweeps on the local disk, for a stage that reads each of them many times where making one takes long.
 
-A built-in drive computes its sweeps, a second each. The folder is bounded and can be removed at any time.
+A built-in drive computes its sweeps, some seconds each, and those of an object store come over a network. A sweep is
+copied when it is read first, by each machine those that it reads. The copies are bounded in bytes, what was not read
+for longest goes first, and their folder can be removed at any time.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+import zipfile
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING
 
-from upvl_cli.pipeline.stage import Row, column
-from upvl_cli.pipeline.tables import Table, read_footer, write
-from upvl_cli.runtime.parallel import in_order
-from upvl_cli.types import Points
+import numpy as np
+
+from upvl_cli.pipeline.storage.file_cache import FileCache, file_cache
+from upvl_cli.pipeline.storage.remote_path import is_remote
+from upvl_cli.types import Array, Points
 
 if TYPE_CHECKING:
-    from upvl_cli.pipeline.workspace import Workspace
-    from upvl_cli.types import Array, Drive
+    from upvl_cli.types import Drive
 
-_MOST_BYTES = 20 * 10**9  # drives beyond are read from where they are
-_ONE_AT_A_TIME = threading.Lock()
+_MOST_BYTES = 20 * 10**9  # some thousand sweeps of 100 000 points
 
 
-@dataclass(frozen=True)
-class SweepRow(Row):
-    """One sweep."""
-
-    ground_z_m: float = column("float64", "height of the road below the car", "m", "ego")
-    xyz_ego_m: Array = column("float32", "places", "m", "ego", per="point", shape=(3,))
-    intensity: Array = column("float32", "strength of the return", per="point")
-    elongation: Array = column("float32", "width of the return's pulse", per="point")
-    sensor: Array = column("uint8", "number of the LiDAR", per="point")
-    time_offset_ns: Array = column("int64", "time after the frame's", "ns", per="point")
-
-    @property
-    def points(self) -> Points:
-        """The sweep without the key."""
-        return Points(self.xyz_ego_m, self.intensity, self.elongation, self.sensor, self.time_offset_ns)
+def cache_beside(folder: Path) -> FileCache:
+    """Return the cache of sweeps of a stage: in its folder, or among the copies of objects where that is remote."""
+    return file_cache() if is_remote(folder) else FileCache(folder / "sweeps", _MOST_BYTES)
 
 
-@dataclass(frozen=True)
 class CachedSweeps:
-    """The sweeps of one drive: `read` gives that of a frame; `ground_z_m` is the drive's."""
+    """The sweeps of one drive (a `Sweeps`), each copied when it is read first."""
 
-    read: Callable[[int], Points]
-    ground_z_m: float
+    def __init__(self, cache: FileCache, segment: str, stamp: str, open_drive: Callable[[], Drive]) -> None:
+        """Name the drive, which is opened when something is read that no copy has.
 
+        Args:
+            cache: The copies.
+            segment: Name of the drive.
+            stamp: Changes whenever the drive's content does: what an older drive had is not read.
+            open_drive: Opens the drive.
+        """
+        self._cache, self._segment, self._stamp, self._open = cache, segment, stamp, open_drive
+        self._drive: Drive | None = None
+        self._lock = threading.Lock()
 
-def cached_sweeps(workspace: Workspace, segment: str, folder: Path) -> CachedSweeps:
-    """Return the sweeps of a drive, which the first call copies to a folder where there is room.
+    @cached_property
+    def ground_z_m(self) -> float:
+        """Height of the road below the car in ego axes, roughly."""
+        make = lambda: {"ground_z_m": np.array(self._opened().ground_z_m)}  # noqa: E731
+        return float(self._arrays("ground", make)["ground_z_m"])
 
-    Args:
-        workspace: The workspace of the drive.
-        segment: Name of the drive.
-        folder: Folder of the copies.
-    """
-    path, stamp = folder / f"{segment}.parquet", workspace.raw_stamp(segment)
-    if not _is_cached(path, stamp) and _size(folder) < _MOST_BYTES:
-        write(
-            path,
-            SweepRow,
-            _rows(workspace.drive(segment)),
-            stamp=stamp,
-            counts={},
-            needed=lambda: not _is_cached(path, stamp),
-        )
-    if not _is_cached(path, stamp):
-        return CachedSweeps(
-            lambda frame: _read_from_drive(workspace, segment, frame), workspace.drive(segment).ground_z_m
-        )
-    table = Table(path, SweepRow)
-    return CachedSweeps(lambda frame: table[frame].points, table[table.frames[0]].ground_z_m)
+    def read(self, frame: int) -> Points:
+        """Return the sweep of a frame."""
 
+        def make() -> dict[str, Array]:
+            points = self._opened().points(frame)
+            return {spec.name: getattr(points, spec.name) for spec in fields(points)}
 
-def _rows(drive: Drive) -> Iterator[SweepRow]:
-    numbers = [frame.index for frame in drive.frames]
-    for number, points in zip(numbers, in_order(drive.points, numbers), strict=True):
-        yield SweepRow(
-            drive.name,
-            number,
-            drive.ground_z_m,
-            points.xyz_ego_m,
-            points.intensity,
-            points.elongation,
-            points.sensor,
-            points.time_offset_ns,
-        )
+        return Points(**self._arrays(str(frame), make))
 
+    def _opened(self) -> Drive:
+        with self._lock:  # frames are read by several threads
+            if self._drive is None:
+                self._drive = self._open()
+            return self._drive
 
-def _read_from_drive(workspace: Workspace, segment: str, frame: int) -> Points:
-    with _ONE_AT_A_TIME:  # a workspace keeps one drive open
-        return workspace.drive(segment).points(frame)
+    def _arrays(self, name: str, make: Callable[[], Mapping[str, Array]]) -> Mapping[str, Array]:
+        """Return arrays from their copy, which is made where there is none or a damaged one."""
+        address = f"sweeps/{self._segment}/{name}.npz"
+        path = self._cache.held(address, self._stamp)
+        if path is not None:
+            try:
+                with np.load(path, allow_pickle=False) as found:
+                    return dict(found)
+            except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
+                pass  # removed meanwhile, or damaged
+        arrays = make()
 
+        def write(file: IO[bytes]) -> str:
+            np.savez(file, allow_pickle=False, **arrays)
+            return self._stamp
 
-def _is_cached(path: Path, stamp: str) -> bool:
-    footer = read_footer(path)
-    return footer is not None and footer.stamp == stamp
-
-
-def _size(folder: Path) -> int:
-    return sum(path.stat().st_size for path in folder.glob("*.parquet"))
+        self._cache.add(address, write)
+        return arrays

@@ -14,7 +14,6 @@ from upvl_cli.stages.rows import AmodalRow, OdometryRow, TrainRow
 if TYPE_CHECKING:
     from upvl_cli.detector.data.frames import DriveFrames, Source
     from upvl_cli.detector.grid import Grid
-    from upvl_cli.detector.process_group import ProcessGroup
     from upvl_cli.perception.visual.open_vocabulary import Basis
     from upvl_cli.pipeline.stage import Inputs
 
@@ -28,9 +27,11 @@ def run(inputs: Inputs, config: TrainConfig) -> Iterator[TrainRow]:
         LOSSES,
         TrainState,
         load_checkpoint,
+        pack_checkpoint,
         pack_config,
         pack_weights,
         save_checkpoint,
+        unpack_checkpoint,
     )
     from upvl_cli.detector.loss import FeatureSpace
     from upvl_cli.detector.model import Detector
@@ -44,18 +45,22 @@ def run(inputs: Inputs, config: TrainConfig) -> Iterator[TrainRow]:
     # Without a picture there is no feature to learn.
     distills = config.distillation.enabled and fitted.variance_kept > 0
     detector = Detector(config.detector, distills)
-    path, stamp = inputs.folder / "checkpoint.safetensors", inputs.stamp
+    path = inputs.folder / "checkpoint.safetensors"
     with process_group() as group:
         _check_batch(config, group.size)
-        frames = _frames(inputs, config, detector.grid, fitted.basis, group)
+        frames = _frames(inputs, config, detector.grid, fitted.basis)
         space = FeatureSpace.from_basis(fitted.mean.copy(), fitted.basis.components.copy())
+        stamp = inputs.stamp if group.rank == 0 else ""
 
         def save(state: TrainState) -> None:
             if group.rank == 0:
                 save_checkpoint(path, state, stamp)
 
         inputs.discard_when_done(path)
-        state = load_checkpoint(path, stamp) or TrainState()
+        # The first process alone reads the checkpoint, so that all of them go on from the same step.
+        begun = load_checkpoint(path, stamp) if group.rank == 0 else None
+        packed = group.broadcast(pack_checkpoint(begun or TrainState(), ""))
+        state = begun or unpack_checkpoint(packed, "") or TrainState()
         setup = TrainSetup(detector, frames, space, config, group)
         state = train(setup, state, save=save, tick=inputs.tick)
         group.wait()
@@ -74,22 +79,16 @@ def run(inputs: Inputs, config: TrainConfig) -> Iterator[TrainRow]:
     )
 
 
-def _frames(
-    inputs: Inputs, config: TrainConfig, grid: Grid, basis: Basis, group: ProcessGroup
-) -> DriveFrames:
+def _frames(inputs: Inputs, config: TrainConfig, grid: Grid, basis: Basis) -> DriveFrames:
     """Return the frames of the drives whose names are asked for."""
     from upvl_cli.detector.data.frames import DriveFrames
     from upvl_cli.errors import BadSetting
 
     segments = inputs.segments
-    lengths = {name: len(inputs.table("odometry", OdometryRow, name)) for name in segments}
-    if group.rank == 0:
-        for name in segments:
-            inputs.sweeps(name)
-    group.wait()
     corrected = {path.stem for path in config.files(inputs.segment)}.intersection(segments)
     frames = DriveFrames(
-        lengths,
+        segments,
+        inputs.lengths("odometry", segments),
         lambda name: _source(inputs, config, name, is_corrected=name in corrected),
         grid=grid,
         values=basis.dequantize,
@@ -146,8 +145,11 @@ def _source(inputs: Inputs, config: TrainConfig, segment: str, *, is_corrected: 
 def _check_batch(config: TrainConfig, processes: int) -> None:
     from upvl_cli.errors import BadSetting
 
-    if config.batch % processes:
-        raise BadSetting(f"train: batch = {config.batch} cannot be shared evenly by {processes} processes")
+    if config.batch < processes:
+        raise BadSetting(
+            f"train: batch = {config.batch} leaves nothing to do for some of {processes} processes; raise it in "
+            "stages/train.toml, or start fewer processes"
+        )
 
 
 STAGE = Stage(
