@@ -188,5 +188,4 @@ def _filled(
         index.add_core(
             len(vectors), faiss.swig_ptr(vectors), faiss.swig_ptr(number), faiss.swig_ptr(lists)
         )
-    index._flat = flat  # the index holds no reference of its own
     return index
