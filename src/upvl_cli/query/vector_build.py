@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 # centres to compare. The time to train grows with the square of the number of lists.
 _VECTORS_PER_LIST = 400
 _MAX_LISTS = 2048
-_SAMPLES_PER_LIST = 48
-_ITERATIONS = 8
+_SAMPLES_PER_LIST = 40
+_ITERATIONS = 6
 _ROWS = 2**16  # vectors in memory at once, as floats: 17 MB
 
 
