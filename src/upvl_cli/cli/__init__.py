@@ -23,6 +23,9 @@ from upvl_cli.cli import stages
 from upvl_cli.cli import query
 
 # isort: split
+from upvl_cli.cli import index
+
+# isort: split
 from upvl_cli.cli import draw
 
 # isort: split
@@ -42,7 +45,7 @@ from upvl_cli.cli import evaluate, train
 from upvl_cli.cli.application import app
 from upvl_cli.errors import UpvlError, one_line
 
-COMMANDS = (labels, import_, check, stages, query, draw, view, report, serve, export, evaluate, train)
+COMMANDS = (labels, import_, check, stages, query, index, draw, view, report, serve, export, evaluate, train)
 
 
 def run(arguments: Sequence[str]) -> int:

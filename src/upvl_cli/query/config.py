@@ -52,6 +52,11 @@ class QueryConfig(Config):
     candidates: int = setting(
         "number of objects, one box each, that a search classifies after the ranking", ge=1, le=10**6
     )
+    index_min_boxes: int = setting(
+        "number of boxes from which a search ranks by the files of upvl index, where there are any; fewer are ranked "
+        "exactly",
+        ge=0,
+    )
     threshold: float = setting(
         "minimum score of a hit, where the score is the share of the votes times the confidence of the box",
         ge=0,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,9 +14,10 @@ from upvl_cli.pipeline.tables import Table
 from upvl_cli.query.candidates import Candidates, OpenTable, shares_of_looks, vote_at_once
 from upvl_cli.query.config import QueryConfig
 from upvl_cli.query.filters import Filters
-from upvl_cli.query.index import Objects, indexed_objects
+from upvl_cli.query.index import Objects, open_index
 from upvl_cli.query.ranking import Ranking
 from upvl_cli.query.store import Store
+from upvl_cli.query.vector_search import Vectors, narrow, open_vectors
 from upvl_cli.query.vocabulary import Vocabulary
 from upvl_cli.query.votes import NO_CLASS, VoteResult, best_of_groups, vote
 from upvl_cli.runtime.parallel import in_order
@@ -67,10 +68,17 @@ class Hits(ParallelArrays):
 
 @dataclass(frozen=True)
 class QueryResult:
-    """The hits of a query, and how many boxes there were in all ("boxes") and of each fate, "hits" among them."""
+    """What a query finds.
+
+    Attributes:
+        hits: The hits, best first.
+        counts: How many boxes there were in all ("boxes") and of each fate, "hits" among them.
+        ranking: How a search ranked the boxes: exactly, or by the files of `upvl index`; "" without a ranking.
+    """
 
     hits: Hits
     counts: Counter[str]
+    ranking: str = ""
 
 
 @dataclass(frozen=True)
@@ -81,11 +89,13 @@ class WarmStore:
         drives: The boxes of each drive.
         tables: Gives the features of the points of a drive.
         ranking: Ranks boxes, and keeps what the next query needs as well.
+        vectors: The files of `upvl index` that fit the boxes.
     """
 
     drives: Mapping[str, Objects]
     tables: OpenTable
     ranking: Ranking
+    vectors: Vectors = field(default_factory=Vectors)
 
 
 def find(
@@ -110,10 +120,12 @@ def find(
     counts: Counter[str] = Counter()
     parts = []
     if warm is None:
-        drives = dict(indexed_objects(store))
-        warm = WarmStore(drives, lambda segment: point_features(store, segment), Ranking(store.basis))
+        warm = _opened(store, config)
     considered = _considered(store, warm, filters, config, counts)
-    candidates = _candidates(warm.ranking, vocabulary, considered, config, counts)
+    candidates, ranking = _candidates(warm, store.basis, vocabulary, considered, config)
+    counts["not ranked high enough"] += _total(considered) - _total(candidates)
+    if not config.search:
+        del counts["not ranked high enough"]
     classified = _classify(store, vocabulary, candidates, config, warm.tables)
     for chosen, votes in zip(candidates, classified, strict=True):
         objects = chosen.objects[chosen.rows]
@@ -124,7 +136,15 @@ def find(
         counts["below the threshold"] += int((is_queried & (score < config.threshold)).sum())
         counts["hits"] += int(hit.sum())
         parts.append(_hits(chosen.segment, objects, votes, hit))
-    return QueryResult(best_first(concat(parts, Hits)), counts)
+    return QueryResult(best_first(concat(parts, Hits)), counts, ranking)
+
+
+def _opened(store: Store, config: QueryConfig) -> WarmStore:
+    index = open_index(store)
+    vectors = open_vectors(store, index.drives, index.digests) if config.search else Vectors()
+    return WarmStore(
+        index.drives, lambda segment: point_features(store, segment), Ranking(store.basis), vectors
+    )
 
 
 def best_first(hits: Hits) -> Hits:
@@ -195,18 +215,35 @@ def _considered(
 
 
 def _candidates(
-    ranking: Ranking,
+    warm: WarmStore,
+    basis: Basis,
     vocabulary: Vocabulary,
     candidates: list[Candidates],
     config: QueryConfig,
-    counts: Counter[str],
-) -> list[Candidates]:
-    """Return the boxes to classify, by drive; drives without any are left out, and `counts` grows by the rest."""
+) -> tuple[list[Candidates], str]:
+    """Return the boxes to classify, by drive, without drives that have none, and how they were ranked."""
+    how = ""
     if config.search:
-        total = sum(len(chosen.rows) for chosen in candidates)
-        candidates = _best_ranked(ranking, vocabulary, candidates, config)
-        counts["not ranked high enough"] += total - sum(len(chosen.rows) for chosen in candidates)
-    return [chosen for chosen in candidates if len(chosen.rows)]
+        how = "ranked exactly"
+        known = warm.vectors.drives
+        by_index = sum(len(chosen.rows) for chosen in candidates if chosen.segment in known)
+        if known and by_index >= config.index_min_boxes:
+            rest = _total(candidates) - by_index
+            how = f"{by_index} ranked by the index" + (f", {rest} exactly" if rest else "")
+            candidates = narrow(
+                warm.vectors,
+                basis,
+                vocabulary,
+                candidates,
+                tracks=config.candidates,
+                uses_looks=_uses_looks(config),
+            )
+        candidates = _best_ranked(warm.ranking, vocabulary, candidates, config)
+    return [chosen for chosen in candidates if len(chosen.rows)], how
+
+
+def _total(candidates: Sequence[Candidates]) -> int:
+    return sum(len(chosen.rows) for chosen in candidates)
 
 
 def _best_ranked(

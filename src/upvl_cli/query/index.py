@@ -1,13 +1,14 @@
-"""The search index: what filters and rankings need of every stored box, in one memory-mapped file.
+"""The search index: what filters and rankings need of every stored box, in memory-mapped files.
 
-It is an uncompressed Arrow file with one batch a drive, in `out/query`. The batch of a drive whose shard and basis have
-not changed is copied from the index before; the features of single points are never read.
+Each group of drives has an uncompressed Arrow file with one batch a drive, in `out/query/index`. The batch of a drive
+whose shard and basis have not changed is copied from the index before; the features of single points are never read.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+import os
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -18,6 +19,7 @@ import pyarrow as pa
 
 from upvl_cli.perception.visual.open_vocabulary import COMPONENTS
 from upvl_cli.pipeline.tables import Table, footer_digest
+from upvl_cli.query.groups import groups_of
 from upvl_cli.query.store import Store, check_basis
 from upvl_cli.runtime.atomic import atomic_file
 from upvl_cli.runtime.parallel import in_order
@@ -73,45 +75,99 @@ class Objects(ParallelArrays):
         return np.asarray(np.hypot(self.velocity_mps[:, 0], self.velocity_mps[:, 1]))
 
 
-def indexed_objects(store: Store) -> Iterator[tuple[str, Objects]]:
-    """Yield the name and the boxes of each drive; the index is made or updated first where it is out of date.
+@dataclass(frozen=True)
+class ObjectIndex:
+    """The stored boxes of all drives.
 
-    The arrays are views of the file: what is not used is not read.
+    Attributes:
+        drives: The boxes of each drive, in the order of the store; views of files: what is not used is not read.
+        digests: What the boxes of each drive were read from: the digests of its shard and of the basis.
+    """
+
+    drives: Mapping[str, Objects]
+    digests: Mapping[str, str]
+
+
+def indexed_objects(store: Store) -> Iterator[tuple[str, Objects]]:
+    """Yield the name and the boxes of each drive; errors as of `open_index`."""
+    yield from open_index(store).drives.items()
+
+
+def open_index(store: Store) -> ObjectIndex:
+    """Return the boxes of all drives; the index is made or updated first where it is out of date.
 
     Raises:
         NotMade: A shard is damaged, or was made with another basis than the present one.
     """
     digests = in_order(footer_digest, store.paths.values())
-    keys: list[DriveKey] = [
-        (name, f"{digest} {store.basis_digest}") for name, digest in zip(store.paths, digests, strict=True)
-    ]
-    batches = _read_index(store.index)
-    if list(batches) != keys:
-        _write_index(store, keys, batches)
-        batches = _read_index(store.index)
-    for (name, _), batch in batches.items():
-        yield name, Objects(**{spec.name: _view(batch.column(spec.name)) for spec in fields(Objects)})
+    keys = {
+        name: f"{digest} {store.basis_digest}" for name, digest in zip(store.paths, digests, strict=True)
+    }
+    groups = {
+        store.index / f"{store.source}-{group}.arrow": [(name, keys[name]) for name in names]
+        for group, names in groups_of(keys).items()
+    }
+    found = {path: _read_group(path) for path in groups}
+    if any(list(found[path]) != expected for path, expected in groups.items()):
+        found |= _update(store, groups, found)
+    batches = {name: batch for group in found.values() for (name, _), batch in group.items()}
+    drives = {
+        name: Objects(**{spec.name: _view(batches[name].column(spec.name)) for spec in fields(Objects)})
+        for name in store.paths
+    }
+    return ObjectIndex(drives, keys)
 
 
-def _read_index(path: Path) -> dict[DriveKey, pa.RecordBatch]:
+def _update(
+    store: Store,
+    groups: Mapping[Path, Sequence[DriveKey]],
+    found: Mapping[Path, Mapping[DriveKey, pa.RecordBatch]],
+) -> dict[Path, dict[DriveKey, pa.RecordBatch]]:
+    """Write the groups that are out of date, and return them; files of groups that there are no more are removed."""
+    present = sorted(store.index.glob(f"{store.source}-*.arrow")) if store.index.is_dir() else []
+    gone = [path for path in present if path not in groups]
+    previous = {
+        key: batch
+        for group in (*found.values(), *map(_read_group, gone))
+        for key, batch in group.items()
+    }
+    updated = {}
+    for path, keys in groups.items():
+        if list(found[path]) != keys:
+            batches = {
+                key: previous[key] if key in previous else _batch_of(store, key[0]) for key in keys
+            }
+            _write_group(path, batches)
+            mapped = _read_group(path)
+            # Another process may have written the group of other shards meanwhile.
+            updated[path] = mapped if list(mapped) == keys else batches
+    # The last one is where the boxes of all drives were before there were groups.
+    for path in (*gone, store.index.with_name(f"index-{store.source}.arrow")):
+        with suppress(OSError):
+            path.unlink()
+    return updated
+
+
+def _read_group(path: Path) -> dict[DriveKey, pa.RecordBatch]:
     """Return the batch of each drive; none where the file is missing, damaged or has other columns."""
-    with suppress(OSError, pa.ArrowException, KeyError, ValueError):
-        file = pa.ipc.open_file(pa.memory_map(str(path)))
+    with suppress(OSError, pa.ArrowException, KeyError, ValueError, TypeError):
+        file = pa.ipc.open_file(pa.memory_map(os.fspath(path)))
         if file.schema.remove_metadata().equals(_schema([]).remove_metadata()):
             keys = [(name, digest) for name, digest in json.loads(file.schema.metadata[DRIVES_KEY])]
             return {key: file.get_batch(number) for number, key in enumerate(keys)}
     return {}
 
 
-def _write_index(store: Store, keys: list[DriveKey], previous: dict[DriveKey, pa.RecordBatch]) -> None:
-    schema = _schema(keys)
-    with atomic_file(store.index) as file, pa.ipc.new_file(file, schema) as writer:
-        for name, digest in keys:
-            batch = previous.get((name, digest))
-            if batch is None:
-                check_basis(store, store.paths[name])
-            columns = _columns(_read_objects(store.paths[name])) if batch is None else batch.columns
-            writer.write_batch(pa.RecordBatch.from_arrays(columns, schema=schema))
+def _write_group(path: Path, batches: Mapping[DriveKey, pa.RecordBatch]) -> None:
+    schema = _schema(list(batches))
+    with atomic_file(path) as file, pa.ipc.new_file(file, schema) as writer:
+        for batch in batches.values():
+            writer.write_batch(pa.RecordBatch.from_arrays(batch.columns, schema=schema))
+
+
+def _batch_of(store: Store, name: str) -> pa.RecordBatch:
+    check_basis(store, store.paths[name])
+    return pa.RecordBatch.from_arrays(_columns(_read_objects(store.paths[name])), schema=_schema([]))
 
 
 def _read_objects(path: Path) -> Objects:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 
@@ -27,7 +28,7 @@ def near_hits(result: QueryResult, partners: Hits, within_m: float) -> QueryResu
     counts = Counter(result.counts)
     counts["not near"] = len(result.hits) - len(kept)
     counts["hits"] = len(kept)
-    return QueryResult(result.hits[kept], counts)
+    return replace(result, hits=result.hits[kept], counts=counts)
 
 
 def _timed_boxes(hits: Hits, drive: Ints) -> TimedBoxes:

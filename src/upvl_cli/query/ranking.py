@@ -10,6 +10,7 @@ from upvl_cli.query.vocabulary import Vocabulary
 from upvl_cli.runtime.bounded_cache import BoundedCache
 from upvl_cli.types import Array, Floats, Ints
 
+_FEW = 1 / 8  # share of the boxes of a drive: of fewer, nothing is worth keeping for the next query
 _ROWS = 4096  # at once: a megabyte in single precision, which stays in the cache of a core
 
 
@@ -49,6 +50,8 @@ class Ranking:
     def _of_feature(self, segment: str, kind: str, codes: Ints, rows: Ints, vocabulary: Vocabulary) -> Floats:
         queried = int(vocabulary.is_queried.sum())
         negatives = vocabulary.words[queried:]
+        if len(rows) < _FEW * len(codes):
+            return self._of_few(codes[rows], vocabulary.vectors[:queried], vocabulary.vectors[queried:])
         everything = len(rows) == len(codes)
         key = (segment, kind, len(codes))
         length = self._cache.get_or_make((*key, "length"), lambda: self._lengths(codes))
@@ -60,6 +63,11 @@ class Ranking:
             (*key, negatives), lambda: self._best(codes, length, vocabulary.vectors[queried:])
         )
         return np.asarray(best - (against if everything else against[rows]))
+
+    def _of_few(self, codes: Ints, words: Floats, negatives: Floats) -> Floats:
+        length = self._lengths(codes)
+        best = self._best(codes, length, words)
+        return np.asarray(best - self._best(codes, length, negatives)) if len(negatives) else best
 
     def _lengths(self, codes: Ints) -> Floats:
         """Return (n,) lengths of the features in the full space (see `open_vocabulary`)."""

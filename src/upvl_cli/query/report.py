@@ -87,7 +87,8 @@ def summary(result: QueryResult, source: str) -> str:
         if items and reason not in HEADLINE_COUNTS
     ]
     hits = f"{len(result.hits)} hits of {objects} objects"
-    return f"{result.counts['boxes']} {source}: {', '.join([hits, *others])}"
+    ranking = f"; {result.ranking}" if result.ranking else ""
+    return f"{result.counts['boxes']} {source}: {', '.join([hits, *others])}{ranking}"
 
 
 def ambiguity_notes(vocabulary: Vocabulary, model: str) -> Iterator[str]:

@@ -32,7 +32,7 @@ class Store:
         paths: The shard of each drive, by its name.
         basis: Basis of the stored features.
         basis_digest: Digest of the shard that holds the basis.
-        index: Path of the search index.
+        index: Folder of the search index.
         looks: How looks and points choose a word together.
     """
 
@@ -61,7 +61,7 @@ def open_store(workspace: Workspace, source: str | None) -> Store:
     basis = workspace.shard("pca", WHOLE_DATASET)
     (fitted,) = Table(basis, PcaRow)
     _check_model(workspace, basis)
-    index = workspace.out / "query" / f"index-{source}.arrow"
+    index = workspace.out / "query" / "index"
     looks = workspace.settings(classify.STAGE).looks
     return Store(source, paths, fitted.basis, footer_digest(basis), index, looks)
 
