@@ -57,6 +57,23 @@ def test_processes_make_the_same_bytes_and_report_each_shard(
     assert all(shard.fresh for shard in run(workspace, ProcessExecutor(2)))
 
 
+def test_no_job_is_made_of_a_drive_that_is_fresh(tmp_path: Path) -> None:
+    class Segments(Unwatched):
+        def __init__(self) -> None:
+            self.begun: list[str] = []
+
+        def started(self, started: Started) -> None:
+            self.begun.append(started.segment)
+
+    workspace, first, again = numbers_workspace(tmp_path / "w", 40), Segments(), Segments()
+    made = run(workspace, SerialExecutor(), first)
+    assert len(first.begun) == len(made) == 3 * 40 + 1
+    workspace.shard("square", "drive-007").unlink()
+    found = run(workspace, SerialExecutor(), again)
+    assert set(again.begun) == {"all", "drive-007"}
+    assert len(found) == len(made) and [shard.segment for shard in found if not shard.fresh] == ["drive-007"]
+
+
 def test_a_killed_process_is_replaced_and_nothing_finished_is_made_again(
     tmp_path: Path, expected: dict[str, bytes]
 ) -> None:

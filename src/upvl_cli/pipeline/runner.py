@@ -37,6 +37,11 @@ class Made:
     seconds: float
     peak_mib: float
 
+    @classmethod
+    def found_fresh(cls, stage: str, segment: str) -> Made:
+        """Return a shard that was found fresh without a look into it."""
+        return cls(stage, segment, True, 0, {}, 0.0, 0.0)
+
 
 def state(
     workspace: Workspace, stage: AnyStage, segment: str, settings: Config | None = None

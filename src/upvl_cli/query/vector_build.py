@@ -103,7 +103,10 @@ def build_vectors(drives: Sequence[Objects], basis: Basis) -> faiss.IndexIVFScal
             order = np.argsort(nearest, kind="stable")
             present, first = np.unique(nearest[order], return_index=True)
             total[present] += np.add.reduceat(vectors[order], first, axis=0)
-            lowest, highest = np.minimum(lowest, vectors.min(axis=0)), np.maximum(highest, vectors.max(axis=0))
+            lowest, highest = (
+                np.minimum(lowest, vectors.min(axis=0)),
+                np.maximum(highest, vectors.max(axis=0)),
+            )
         center = (total / np.maximum(np.bincount(list_of, minlength=lists), 1)[:, None]).astype(np.float32)
         return _filled(codes, numbers, basis, list_of, center, np.stack([lowest, highest]))
     finally:
@@ -146,9 +149,7 @@ def _trained(codes: Array, basis: Basis) -> Any:
     lists = int(np.clip(len(codes) // _VECTORS_PER_LIST, 1, _MAX_LISTS))
     coarse = faiss.IndexFlatIP(DIM)
     sample = np.sort(
-        np.random.default_rng(0).choice(
-            len(codes), min(len(codes), lists * _SAMPLES_PER_LIST), replace=False
-        )
+        np.random.default_rng(0).choice(len(codes), min(len(codes), lists * _SAMPLES_PER_LIST), replace=False)
     )
     if lists == 1:
         coarse.add(np.ones((1, DIM), np.float32))
@@ -185,7 +186,5 @@ def _filled(
         vectors = _vectors(codes[begin : begin + _ROWS], basis)
         number = np.ascontiguousarray(numbers[begin : begin + _ROWS])
         lists = np.ascontiguousarray(list_of[begin : begin + _ROWS])
-        index.add_core(
-            len(vectors), faiss.swig_ptr(vectors), faiss.swig_ptr(number), faiss.swig_ptr(lists)
-        )
+        index.add_core(len(vectors), faiss.swig_ptr(vectors), faiss.swig_ptr(number), faiss.swig_ptr(lists))
     return index

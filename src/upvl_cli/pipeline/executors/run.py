@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from upvl_cli.errors import UpvlError
+from upvl_cli.pipeline.catalog.tasks import fresh_segments
 from upvl_cli.pipeline.executors.base import Executor, Failed, Unwatched, Watch, Work
 from upvl_cli.pipeline.executors.serial import SerialExecutor
 from upvl_cli.pipeline.pipeline import AnyStage
 from upvl_cli.pipeline.runner import Made, claim_folder
 from upvl_cli.pipeline.workspace import Workspace
+
+# From so many drives on all of them are compared at once, by listings and the catalogue; below, one by one is as quick.
+_MANY = 32
 
 
 def run_all(
@@ -35,9 +39,15 @@ def run_all(
         UpvlError: Drives failed; raised after the others are done.
     """
     settings = {stage.name: claim_folder(workspace, stage, overrides) for stage in stages}
-    work = Work(workspace, tuple(stages), segments, settings)
     watch = watch or Unwatched()
     failures: dict[str, UpvlError] = {}
+    left = segments
+    if len(segments) >= _MANY:
+        fresh = fresh_segments(workspace, stages, segments, settings)
+        left = [segment for segment in segments if segment not in fresh]
+        for segment in (name for name in segments if name in fresh):
+            yield from (Made.found_fresh(stage.name, segment) for stage in stages if not stage.is_of_dataset)
+    work = Work(workspace, tuple(stages), left, settings)
     for event in (executor or SerialExecutor()).run(work, watch):
         if isinstance(event, Failed):
             failures[event.segment] = event.error
