@@ -5,7 +5,8 @@ from __future__ import annotations
 from upvl_cli.errors import BadInput
 from upvl_cli.pipeline.catalog.catalog import Reading
 from upvl_cli.pipeline.catalog.freshness import Freshness
-from upvl_cli.pipeline.runner import run_all, state
+from upvl_cli.pipeline.executors.run import run_all
+from upvl_cli.pipeline.runner import state
 from upvl_cli.pipeline.stage import WHOLE_DATASET
 from upvl_cli.pipeline.workspace import Workspace
 
@@ -13,7 +14,7 @@ Conditions = dict[tuple[str, str], str]
 
 
 def run(workspace: Workspace) -> None:
-    list(run_all(workspace, workspace.pipeline.stages, workspace.segments, overrides={}, workers=1, tick=int))
+    list(run_all(workspace, workspace.pipeline.stages, workspace.segments, overrides={}))
 
 
 def one_by_one(workspace: Workspace) -> Conditions:
