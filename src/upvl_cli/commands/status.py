@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -10,7 +9,7 @@ from upvl_cli.errors import BadInput
 from upvl_cli.pipeline.catalog.catalog import Reading
 from upvl_cli.pipeline.catalog.freshness import Freshness
 from upvl_cli.pipeline.pipeline import AnyStage
-from upvl_cli.pipeline.run_log import last_runs
+from upvl_cli.pipeline.run_table import stage_runs
 from upvl_cli.pipeline.runner import state
 from upvl_cli.pipeline.stage import WHOLE_DATASET
 from upvl_cli.pipeline.workspace import Workspace
@@ -49,12 +48,12 @@ def status(workspace: Workspace, tick: Callable[[], None] = lambda: None) -> lis
         tick: Called after each footer that had to be read because the catalogue does not know it.
     """
     found = Freshness(workspace, reading=Reading(tick=tick))
-    known = {WHOLE_DATASET, *workspace.segments}
-    seconds: defaultdict[str, float] = defaultdict(float)
-    for (stage, segment), run in last_runs(workspace.out).items():
-        seconds[stage] += run.seconds if segment in known else 0.0
+    names = [WHOLE_DATASET, *workspace.segments]
+    runs = {stage: all_runs.of_segments(names) for stage, all_runs in stage_runs(workspace.out).items()}
+    seconds = {stage: float(last.column("seconds").sum()) for stage, last in runs.items()}
     return [
-        _stage_status(workspace, stage, found, seconds[stage.name]) for stage in workspace.pipeline.stages
+        _stage_status(workspace, stage, found, seconds.get(stage.name, 0.0))
+        for stage in workspace.pipeline.stages
     ]
 
 

@@ -18,11 +18,11 @@ import secrets
 import socket
 import sys
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from upvl_cli.errors import UpvlError, one_line
 from upvl_cli.pipeline.storage.remote_path import is_remote
@@ -34,7 +34,8 @@ FOLDER = "runs"
 # interval doubles up to ten minutes, so that a long job leaves few objects to list and read.
 FIRST_PART_S = 60.0
 LONGEST_PART_S = 600.0
-_READERS = 16  # requests at a time: reading small objects is waiting
+_READERS = 64  # requests at a time: reading small objects is waiting
+_BLOCK_BYTES = 2**24
 
 
 @dataclass(frozen=True, slots=True)  # slots: an archive has millions
@@ -111,15 +112,29 @@ def read_runs(out: Path) -> Iterator[RunRecord]:
     Args:
         out: Folder of the shards.
     """
+    for block in run_blocks(out):
+        yield from records_of(block)
+
+
+def run_blocks(out: Path) -> Iterator[bytes]:
+    """Yield the lines of a run log in blocks of many, each file in its order."""
     if not is_remote(out):
-        with contextlib.suppress(OSError), (out / FILE).open(encoding="utf-8", errors="replace") as file:
-            yield from _records(file)
+        with contextlib.suppress(OSError), (out / FILE).open("rb") as file:
+            yield from _blocks_of(file)
     with contextlib.suppress(OSError, UpvlError):
         paths = sorted((out / FOLDER).glob("*.jsonl"))
         with ThreadPoolExecutor(_READERS) as pool:
             for start in range(0, len(paths), _READERS):
-                for text in pool.map(_text_of, paths[start : start + _READERS]):
-                    yield from _records(text.splitlines())
+                yield b"\n".join(pool.map(_bytes_of, paths[start : start + _READERS]))
+
+
+def records_of(block: bytes) -> Iterator[RunRecord]:
+    """Yield the records of some lines; what is no record is left out."""
+    for line in block.decode("utf-8", "replace").split("\n"):
+        with contextlib.suppress(
+            ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError
+        ):
+            yield _record(json.loads(line))
 
 
 def last_runs(out: Path) -> dict[tuple[str, str], RunRecord]:
@@ -203,18 +218,21 @@ def _append(path: Path, line: str) -> None:
         os.close(descriptor)
 
 
-def _text_of(path: Path) -> str:
+def _blocks_of(file: IO[bytes]) -> Iterator[bytes]:
+    """Yield a file in blocks that end where a line does."""
+    rest = b""
+    while read := file.read(_BLOCK_BYTES):
+        block, newline, rest = (rest + read).rpartition(b"\n")
+        if newline:
+            yield block
+    if rest:
+        yield rest
+
+
+def _bytes_of(path: Path) -> bytes:
     with contextlib.suppress(OSError, UpvlError):
-        return path.read_bytes().decode("utf-8", "replace")
-    return ""
-
-
-def _records(lines: Iterable[str]) -> Iterator[RunRecord]:
-    for line in lines:
-        with contextlib.suppress(
-            ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError
-        ):
-            yield _record(json.loads(line))
+        return path.read_bytes()
+    return b""
 
 
 def _record(run: dict[str, Any]) -> RunRecord:
