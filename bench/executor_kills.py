@@ -96,7 +96,8 @@ class Run:
                 if process.returncode == -9:
                     waiting.insert(0, words)
                 elif process.returncode:
-                    raise SystemExit(f"{words}: exit code {process.returncode}; see {self.folder}/driver.log")
+                    log = (self.folder / "driver.log").read_text()[-2000:]
+                    raise SystemExit(f"{words}: exit code {process.returncode}: {log}")
             if victims and time.monotonic() > next_s and running and self.kill(victims[0], list(running)):
                 killed[victims.pop(0)] += 1
                 next_s = time.monotonic() + self.random.uniform(*self.given.pause)
@@ -249,10 +250,15 @@ def main() -> None:
         name for name in expected.keys() | shards.keys() if expected.get(name) != shards.get(name)
     )
     twice = sorted(name for name, times in written.items() if times > 1)
+<<<<<<< HEAD
     print(
         f"{given.on}, {given.storage}, seed {given.seed}: {given.drives} drives, {len(expected)} shards, "
         f"{seconds:.0f} s"
     )
+=======
+    name = f"{given.on}, {given.storage}, seed {given.seed}"
+    print(f"{name}, {given.drives} drives: {len(expected)} shards, {seconds:.0f} s")
+>>>>>>> fa85eae (executors: tests of the SLURM array)
     kinds = ", ".join(f"{number} {kind}" for kind, number in sorted(killed.items()))
     print(f"killed with -9: {killed.total()} ({kinds})")
     print(f"commands started: {run.started.total()}")
