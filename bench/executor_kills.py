@@ -250,15 +250,8 @@ def main() -> None:
         name for name in expected.keys() | shards.keys() if expected.get(name) != shards.get(name)
     )
     twice = sorted(name for name, times in written.items() if times > 1)
-<<<<<<< HEAD
-    print(
-        f"{given.on}, {given.storage}, seed {given.seed}: {given.drives} drives, {len(expected)} shards, "
-        f"{seconds:.0f} s"
-    )
-=======
     name = f"{given.on}, {given.storage}, seed {given.seed}"
     print(f"{name}, {given.drives} drives: {len(expected)} shards, {seconds:.0f} s")
->>>>>>> fa85eae (executors: tests of the SLURM array)
     kinds = ", ".join(f"{number} {kind}" for kind, number in sorted(killed.items()))
     print(f"killed with -9: {killed.total()} ({kinds})")
     print(f"commands started: {run.started.total()}")
