@@ -134,7 +134,9 @@ class Run:
         with contextlib.suppress(psutil.Error):
             words = process.cmdline()
             if self.given.on == "ray":
-                return bool(words) and words[0].startswith("ray::run_task")
+                return (
+                    bool(words) and words[0].startswith("ray::") and "street-" in words[0]
+                )  # of the task's name
             if self.given.on == "shards":
                 return process.pid in {driver.pid for driver in drivers}
             return process.pid not in {driver.pid for driver in drivers} and "resource_tracker" not in str(

@@ -1,4 +1,4 @@
-"""Streets that are labelled while processes are killed at random moments: what `bench/executor_kills.py` does, smaller."""
+"""Streets that are labelled while processes are killed at random moments: `bench/executor_kills.py`, smaller."""
 
 from __future__ import annotations
 
