@@ -96,7 +96,8 @@ class Run:
                 if process.returncode == -9:
                     waiting.insert(0, words)
                 elif process.returncode:
-                    raise SystemExit(f"{words}: exit code {process.returncode}; see {self.folder}/driver.log")
+                    log = (self.folder / "driver.log").read_text()[-2000:]
+                    raise SystemExit(f"{words}: exit code {process.returncode}: {log}")
             if victims and time.monotonic() > next_s and running and self.kill(victims[0], list(running)):
                 killed[victims.pop(0)] += 1
                 next_s = time.monotonic() + self.random.uniform(*self.given.pause)
@@ -133,7 +134,9 @@ class Run:
         with contextlib.suppress(psutil.Error):
             words = process.cmdline()
             if self.given.on == "ray":
-                return bool(words) and words[0].startswith("ray::run_task")
+                return (
+                    bool(words) and words[0].startswith("ray::") and "street-" in words[0]
+                )  # of the task's name
             if self.given.on == "shards":
                 return process.pid in {driver.pid for driver in drivers}
             return process.pid not in {driver.pid for driver in drivers} and "resource_tracker" not in str(
@@ -249,10 +252,8 @@ def main() -> None:
         name for name in expected.keys() | shards.keys() if expected.get(name) != shards.get(name)
     )
     twice = sorted(name for name, times in written.items() if times > 1)
-    print(
-        f"{given.on}, {given.storage}, seed {given.seed}: {given.drives} drives, {len(expected)} shards, "
-        f"{seconds:.0f} s"
-    )
+    name = f"{given.on}, {given.storage}, seed {given.seed}"
+    print(f"{name}, {given.drives} drives: {len(expected)} shards, {seconds:.0f} s")
     kinds = ", ".join(f"{number} {kind}" for kind, number in sorted(killed.items()))
     print(f"killed with -9: {killed.total()} ({kinds})")
     print(f"commands started: {run.started.total()}")

@@ -109,12 +109,15 @@ class Work:
         stages: The stages, each after those it reads.
         segments: Names of the drives.
         settings: Values of each stage, by its name.
+        chosen: Names of the drives of the command, those included that are known to be fresh; a queue, whose tasks run
+            the command in shares, counts its shares over them. Empty where they are `segments`.
     """
 
     workspace: Workspace
     stages: tuple[AnyStage, ...]
     segments: Sequence[str]
     settings: Mapping[str, Config]
+    chosen: Sequence[str] = ()
 
 
 class Executor(Protocol):

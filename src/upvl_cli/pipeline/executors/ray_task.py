@@ -39,24 +39,29 @@ class Parcel:
         place: The workspace.
         values: Values of each stage, by its name.
         files: The TOML files of the folder of settings, by their paths below it.
+        folders: The folders below it: a preset that changes nothing is an empty one.
     """
 
     place: Place
     values: Mapping[str, Config]
     files: Mapping[str, bytes]
+    folders: tuple[str, ...]
 
     @classmethod
     def of(cls, work: Work) -> Parcel:
         """Return the parcel of a workspace that is open in this process."""
         place = Place.of(work.workspace)
         stages = place.stages
-        files = {str(path.relative_to(stages)): path.read_bytes() for path in sorted(stages.rglob("*.toml"))}
-        return cls(place, dict(work.settings), files)
+        below = sorted(stages.rglob("*"))
+        files = {str(path.relative_to(stages)): path.read_bytes() for path in below if path.suffix == ".toml"}
+        folders = tuple(str(path.relative_to(stages)) for path in below if path.is_dir())
+        return cls(place, dict(work.settings), files, folders)
 
     @property
     def digest(self) -> str:
         """A digest of the settings and of where the shards go."""
-        texts = [(name, hashlib.sha256(text).hexdigest()) for name, text in sorted(self.files.items())]
+        texts = [(name, "") for name in self.folders]
+        texts += [(name, hashlib.sha256(text).hexdigest()) for name, text in sorted(self.files.items())]
         named = repr((texts, str(self.place.out), self.place.preset, str(self.place.folder)))
         return hashlib.sha256(named.encode("utf-8", "surrogateescape")).hexdigest()
 
@@ -81,10 +86,10 @@ def _workspace(parcel: Parcel) -> Workspace:
             )
         folder = Path(tempfile.mkdtemp(prefix="upvl-stages-"))
         atexit.register(shutil.rmtree, folder, ignore_errors=True)
+        for name in parcel.folders:
+            (folder / name).mkdir(parents=True, exist_ok=True)
         for name, text in parcel.files.items():
-            path = folder / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(text)
+            (folder / name).write_bytes(text)
         _opened.clear()
         _opened[parcel.digest] = replace(place, stages=folder).open()
     return _opened[parcel.digest]

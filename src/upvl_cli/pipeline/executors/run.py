@@ -47,7 +47,7 @@ def run_all(
         left = [segment for segment in segments if segment not in fresh]
         for segment in (name for name in segments if name in fresh):
             yield from (Made.found_fresh(stage.name, segment) for stage in stages if not stage.is_of_dataset)
-    work = Work(workspace, tuple(stages), left, settings)
+    work = Work(workspace, tuple(stages), left, settings, segments)
     for event in (executor or SerialExecutor()).run(work, watch):
         if isinstance(event, Failed):
             failures[event.segment] = event.error

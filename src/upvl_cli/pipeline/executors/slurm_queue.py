@@ -86,7 +86,7 @@ class SlurmExecutor:
 
 def sized_options(command: QueueCommand, work: Work) -> SlurmOptions:
     """Return what the tasks ask for; an array has no more than there are drives, or cores on this machine."""
-    drives = 1 if all(stage.is_of_dataset for stage in work.stages) else len(work.segments)
+    drives = 1 if all(stage.is_of_dataset for stage in work.stages) else max(1, len(work.segments))
     return command.options.for_stages(work.stages, min(drives, threads()) if command.is_local else drives)
 
 
@@ -221,7 +221,7 @@ def _verified(
     number_of = {
         segment: number
         for number in range(1, tasks + 1)
-        for segment in Share(number, tasks).of(work.segments)
+        for segment in Share(number, tasks).of(work.chosen or work.segments)
     }
     for stage in work.stages:
         for segment in [WHOLE_DATASET] if stage.is_of_dataset else work.segments:
