@@ -17,6 +17,15 @@ from upvl_cli.stages import STAGES
 MOVING_ONLY = "moving-only"  # the preset of those labels
 WITHOUT_WORDS = "without-words"  # the preset of labels by LiDAR alone
 
+FromCatalog = Annotated[
+    bool,
+    typer.Option(
+        "--from-catalog",
+        help="List no folder: the catalogue is taken for true, and shards that were made or deleted since it was "
+        "written are not seen. Making a shard looks at the shard itself.",
+    ),
+]
+
 
 @app.command()
 def autolabel(
@@ -72,15 +81,16 @@ def segments(context: typer.Context) -> None:
 
 
 @app.command()
-def status(context: typer.Context) -> None:
+def status(context: typer.Context, from_catalog: FromCatalog = False) -> None:
     """Tell which shards are fresh, stale or missing."""
     from rich.console import Console
 
     from upvl_cli.cli.progress import Counter, status_table
     from upvl_cli.commands.status import status as statuses
+    from upvl_cli.pipeline.catalog.catalog import Reading
 
     with Counter("reading footers of shards") as footers:
-        found = statuses(context.obj, footers.tick)
+        found = statuses(context.obj, Reading(tick=footers.tick, lists=not from_catalog))
     Console().print(status_table(found))
 
 
@@ -97,8 +107,11 @@ def plan(
             "are fresh, so that they can be made in any order; no rules are written.",
         ),
     ] = None,
+    from_catalog: FromCatalog = False,
 ) -> None:
     """Write the rules and marks that make follows, or print the next shards to make for another scheduler."""
+    if next_ is None and from_catalog:
+        raise BadSetting("--from-catalog is for the tasks of --next: upvl plan --next 1000 --from-catalog")
     if next_ is None:
         from upvl_cli.pipeline.make_rules import write_rules
 
@@ -110,7 +123,9 @@ def plan(
 
     workspace: Workspace = context.obj
     with Counter("reading footers of shards") as footers:
-        tasks = next_tasks(workspace, workspace.pipeline.stages, next_, Reading(tick=footers.tick))
+        tasks = next_tasks(
+            workspace, workspace.pipeline.stages, next_, Reading(tick=footers.tick, lists=not from_catalog)
+        )
     for stage, segment in tasks:
         print(f"{stage}\t{segment}")
 

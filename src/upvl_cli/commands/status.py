@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 from collections import defaultdict
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from upvl_cli.errors import BadInput
@@ -56,14 +55,14 @@ class LastRun:
     peak_mib: float | None
 
 
-def status(workspace: Workspace, tick: Callable[[], None] = lambda: None) -> list[StageStatus]:
+def status(workspace: Workspace, reading: Reading | None = None) -> list[StageStatus]:
     """Return the status of each stage, in order; a shard made from one that is not fresh is stale.
 
     Args:
         workspace: The workspace of the shards.
-        tick: Called after each footer that had to be read because the catalogue does not know it.
+        reading: What to do about shards that the catalogue does not know.
     """
-    found = Freshness(workspace, reading=Reading(tick=tick))
+    found = Freshness(workspace, reading=reading)
     known = {WHOLE_DATASET, *workspace.segments}
     seconds: defaultdict[str, float] = defaultdict(float)
     for (stage, segment), run in last_runs(workspace).items():
