@@ -146,7 +146,7 @@ class VectorFile:
             local = os.fspath(path)
             head = stamp.size - stamp.vectors * ENTRY_BYTES
             with open(local, "rb") as file:
-                same = os.fstat(file.fileno()).st_size == stamp.size and 0 < head
+                same = os.fstat(file.fileno()).st_size == stamp.size and head > 0
                 if not same or hashlib.sha256(file.read(head)).hexdigest() != stamp.head:
                     return None
             index = faiss.read_index(local, faiss.IO_FLAG_MMAP | faiss.IO_FLAG_READ_ONLY)

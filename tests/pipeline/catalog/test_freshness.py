@@ -161,6 +161,16 @@ def test_any_sequence_of_damage(folder: Path, seed: int) -> None:
         assert by_arrays(workspace_of(folder, preset, version)) == expected, done
 
 
+def test_a_file_that_the_settings_name_counts_for_its_drive(folder: Path) -> None:
+    with_words(folder)
+    run(workspace_of(folder))
+    assert set(by_arrays(workspace_of(folder)).values()) == {"fresh"}
+    (folder / "words" / "d2.txt").write_text("other words")
+    found = by_arrays(workspace_of(folder))
+    assert found == one_by_one(workspace_of(folder))
+    assert (found["scale", "d2"], found["scale", "d1"]) == ("stale", "fresh")
+
+
 def test_a_folder_in_place_of_a_shard_is_a_missing_one(folder: Path) -> None:
     replaced_by_a_folder(shard(folder))
     assert by_arrays(workspace_of(folder)) == one_by_one(workspace_of(folder))
@@ -176,6 +186,22 @@ def test_fresh_shards_are_not_opened_again(folder: Path) -> None:
     shutil.rmtree(folder / "out" / "catalog")
     by_arrays(workspace_of(folder), tick=lambda: opened.append(1))
     assert len(opened) == 1 + 3 * DRIVES
+
+
+def test_the_catalogue_alone_says_what_it_was_when_it_was_written(folder: Path) -> None:
+    before = by_arrays(workspace_of(folder))
+    shard(folder).unlink()
+    assert by_arrays(workspace_of(folder), lists=False) == before
+    after = by_arrays(workspace_of(folder))
+    assert after["scale", "d1"] == "missing"
+    assert by_arrays(workspace_of(folder), lists=False) == after, "written anew, as a shard is gone"
+    replace_value(folder, "double", "# nothing\n")
+    replace_value(folder, "scale", 'factor = 2.5\nwords = ""\n')
+    assert by_arrays(workspace_of(folder), lists=False) == one_by_one(workspace_of(folder)), "settings count"
+    shutil.rmtree(folder / "out" / "catalog")
+    assert by_arrays(workspace_of(folder), lists=False) == one_by_one(workspace_of(folder)), (
+        "without one it lists"
+    )
 
 
 def test_few_new_shards_are_not_written_down(folder: Path) -> None:
