@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from upvl_cli.pipeline.stage import ALL_FRAMES, FrameWindow
 from upvl_cli.stages.picture_rows import Boxes2dRow, LooksRow
 from upvl_cli.stages.rows import AmodalRow, ClassifyRow
 from upvl_cli.types import Boxes, Boxes2d, Camera, Points, empty
@@ -47,6 +48,7 @@ class MemoryInputs:
     drive: MemoryDrive | None = None
     model: Any = None
     segment: str = SEGMENT
+    window: FrameWindow = ALL_FRAMES
     counts: Counter[str] = field(default_factory=Counter)
 
     def table(self, name: str, row: type[Any], segment: str | None = None) -> MemoryTable:

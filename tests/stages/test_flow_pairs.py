@@ -10,6 +10,7 @@ import pytest
 
 from upvl_cli.config.toml import load
 from upvl_cli.geometry.se3 import apply, from_yaw, inverse
+from upvl_cli.pipeline.stage import ALL_FRAMES
 from upvl_cli.stages import flow, ground, odometry
 from upvl_cli.stages.rows import GroundRow, OdometryRow
 from upvl_cli.types import Frame, Points
@@ -73,6 +74,7 @@ class TinyInputs:
     """What a stage may open, in memory."""
 
     segment = "tiny"
+    window = ALL_FRAMES
 
     def __init__(self, drive: TinyDrive) -> None:
         self.drive = drive

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from upvl_cli.config.base import Config
 from upvl_cli.errors import BadInput, BadSetting
 from upvl_cli.pipeline.pipeline import AnyStage
-from upvl_cli.pipeline.stage import WHOLE_DATASET, Row, Rows, Sweeps
+from upvl_cli.pipeline.stage import ALL_FRAMES, WHOLE_DATASET, FrameWindow, Row, Rows, Sweeps
 from upvl_cli.pipeline.tables import Table
 
 if TYPE_CHECKING:
@@ -32,6 +32,7 @@ class ShardInputs:
         segment: str,
         settings: Config | None = None,
         tick: Callable[[], None] = lambda: None,
+        window: FrameWindow = ALL_FRAMES,
     ) -> None:
         """Give a stage its inputs.
 
@@ -41,11 +42,13 @@ class ShardInputs:
             segment: Name of the drive.
             settings: The values it runs with; None takes those of its TOML file.
             tick: Called when a part of a long row is done.
+            window: The frames to yield rows of.
         """
         self._workspace = workspace
         self._stage = stage
         self._settings = settings
         self._tick = tick
+        self.window = window
         self.temporary: list[Path] = []  # files that are of no use once the shard is made
         self.segment = segment
         self.counts: Counter[str] = Counter()

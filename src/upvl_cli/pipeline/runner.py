@@ -85,7 +85,14 @@ def claim_folder(workspace: Workspace, stage: AnyStage, overrides: Mapping[str, 
     return settings
 
 
-def make_shard(workspace: Workspace, stage: AnyStage, segment: str, settings: Config, tick: Tick) -> Made:
+def make_shard(
+    workspace: Workspace,
+    stage: AnyStage,
+    segment: str,
+    settings: Config,
+    tick: Tick,
+    rows_of: Callable[[ShardInputs], Iterator[Row]] | None = None,
+) -> Made:
     """Make one shard, or find it fresh.
 
     Args:
@@ -94,12 +101,12 @@ def make_shard(workspace: Workspace, stage: AnyStage, segment: str, settings: Co
         segment: Name of the drive.
         settings: Values of the stage.
         tick: Called after each frame.
+        rows_of: Yields the rows where they were computed before; None computes them.
 
     Raises:
         NotMade: An input is missing or was made with other settings.
     """
-    _mark_given(workspace, stage, segment, settings)
-    _check_inputs(workspace, stage, segment, settings)
+    prepare_inputs(workspace, stage, segment, settings)
     path = workspace.shard(stage.name, segment)
 
     def is_stale() -> bool:
@@ -111,7 +118,7 @@ def make_shard(workspace: Workspace, stage: AnyStage, segment: str, settings: Co
     inputs = ShardInputs(workspace, stage, segment, settings, tick)
     if os.environ.get("RANK", "0") != "0":
         return _helped(stage, inputs, settings)
-    run = _CheckedRows(stage.run(inputs, settings), segment, tick)
+    run = CheckedRows(rows_of(inputs) if rows_of else stage.run(inputs, settings), segment, tick)
     try:
         rows = write(
             path,
@@ -168,7 +175,7 @@ def _not_older(path: Path, workspace: Workspace, stage: AnyStage, segment: str) 
         os.utime(path, ns=(newest_ns, newest_ns))
 
 
-class _CheckedRows:
+class CheckedRows:
     """The rows of a stage, each checked to be of the segment and after the one before."""
 
     def __init__(self, rows: Iterator[Row], segment: str, tick: Tick) -> None:
@@ -189,6 +196,16 @@ class _CheckedRows:
             self._last = row.frame
             yield row
             self._tick()
+
+
+def prepare_inputs(workspace: Workspace, stage: AnyStage, segment: str, settings: Config) -> None:
+    """Write the marks of what no stage makes, and check that what a shard is made from is fresh.
+
+    Raises:
+        NotMade: An input is missing or was made with other settings.
+    """
+    _mark_given(workspace, stage, segment, settings)
+    _check_inputs(workspace, stage, segment, settings)
 
 
 def _mark_given(workspace: Workspace, stage: AnyStage, segment: str, settings: Config | None) -> None:

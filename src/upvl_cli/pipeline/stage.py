@@ -95,6 +95,19 @@ class Row:
     frame: int = column("int64", "number of the frame in its segment")
 
 
+@dataclass(frozen=True)
+class FrameWindow:
+    """The frames of a drive from number `first` to before number `end`."""
+
+    first: int
+    end: int
+
+    def __contains__(self, frame: int) -> bool:
+        return self.first <= frame < self.end
+
+
+ALL_FRAMES = FrameWindow(0, 2**63 - 1)
+
 C = TypeVar("C", bound=Config)
 R = TypeVar("R", bound=Row)
 R_co = TypeVar("R_co", bound=Row, covariant=True)
@@ -131,6 +144,10 @@ class Inputs(Protocol):
     @property
     def segment(self) -> str:
         """Name of the drive; `WHOLE_DATASET` for a stage that is made once."""
+
+    @property
+    def window(self) -> FrameWindow:
+        """The frames to yield rows of, for a stage that is `windowed`: all of them, mostly."""
 
     @property
     def drive(self) -> Drive:
@@ -202,6 +219,8 @@ class Stage(Generic[C, R]):
         scope: Made once a segment, or once for the whole dataset, as one shard. Where `config` has a setting
             `drives`, a shard of the dataset is made from those whose names are like one of these patterns.
         distributed: Several processes of `torchrun` can make a shard together.
+        windowed: A frame needs no more of other frames than what their inputs hold, so that a long drive can be made
+            in windows, of which each yields the rows of the frames in `Inputs.window` alone.
         estimates_size: Its shards are large: `--dry-run` estimates their size.
         version: Raised by hand when the code gives other rows for equal values.
         needs: What a scheduler reserves for one shard.
@@ -214,6 +233,7 @@ class Stage(Generic[C, R]):
     reads: tuple[str, ...]
     scope: Literal["segment", "dataset"] = "segment"
     distributed: bool = False
+    windowed: bool = False
     estimates_size: bool = False
     version: int = 1
     needs: Needs = Needs()

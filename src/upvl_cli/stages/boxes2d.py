@@ -54,14 +54,16 @@ def run(inputs: Inputs, config: Boxes2dConfig) -> Iterator[Boxes2dRow]:
     from upvl_cli.runtime.parallel import in_order
 
     drive = inputs.drive
+    frames = [frame for frame in drive.frames if frame.index in inputs.window]
     if config.detector == NONE:
-        yield from (_row(inputs.segment, frame, []) for frame in drive.frames)
+        yield from (_row(inputs.segment, frame, []) for frame in frames)
         return
     family, path = box_source_family(config.detector)
     source = family.open(path, drive, config.suppression)
-    for reason, items in source.dropped.items():
-        inputs.count(reason, items)
-    for row in in_order(lambda frame: _boxes_of(drive, frame, source, config), drive.frames):
+    if drive.frames[0].index in inputs.window:  # counted once a drive
+        for reason, items in source.dropped.items():
+            inputs.count(reason, items)
+    for row in in_order(lambda frame: _boxes_of(drive, frame, source, config), frames):
         inputs.count("2D boxes", len(row.camera))
         inputs.count("pictures", row.has_image.sum())
         inputs.count("pictures missing", (~row.has_image).sum())
@@ -102,4 +104,4 @@ def _row(segment: str, frame: Frame, found: list[tuple[int | None, Boxes2d]]) ->
     )
 
 
-STAGE = Stage(name="boxes2d", run=run, config=Boxes2dConfig, row=Boxes2dRow, reads=("raw",))
+STAGE = Stage(name="boxes2d", run=run, config=Boxes2dConfig, row=Boxes2dRow, reads=("raw",), windowed=True)

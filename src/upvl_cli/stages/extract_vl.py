@@ -62,7 +62,8 @@ def run(inputs: Inputs, config: ExtractVlConfig) -> Iterator[ExtractVlRow]:
         seen = rig.visibility(step, xyz_m, ~grounds[frame].is_ground, velocity_mps, images, given_px)
         return seen, seen.features(inputs.model.embed_image, pca.basis)
 
-    for step, (seen, codes) in enumerate(in_order(extract, range(len(poses)))):
+    steps = [step for step, pose in enumerate(poses) if pose.frame in inputs.window]
+    for step, (seen, codes) in zip(steps, in_order(extract, steps), strict=True):
         for reason, items in seen.counts.items():
             inputs.count(reason, items)
         yield ExtractVlRow(inputs.segment, poses[step].frame, seen.state, seen.camera, codes)
@@ -74,6 +75,7 @@ STAGE = Stage(
     config=ExtractVlConfig,
     row=ExtractVlRow,
     reads=("raw", "vlm", "pca", "odometry", "ground", "flow"),
+    windowed=True,
     estimates_size=True,
     needs=Needs(gpus=1.0, memory_gib=4.0),
 )

@@ -103,7 +103,7 @@ def run(inputs: Inputs, config: FlowConfig) -> Iterator[FlowRow]:
             flow[triple.is_above] = estimate(source, triple.others)
         return flow
 
-    frames = inputs.table("odometry", OdometryRow).frames
+    frames = [frame for frame in inputs.table("odometry", OdometryRow).frames if frame in inputs.window]
     triples = _triples(inputs, config.min_interval_s, config.confirm_interval_s)
     for frame, flow in zip(frames, in_order(flow_mps, triples), strict=True):
         yield FlowRow(inputs.segment, frame, flow)
@@ -159,10 +159,11 @@ def _stored_flow(inputs: Inputs, config: StoredFlowConfig) -> Iterator[FlowRow]:
             flow[is_above] = moving[is_above]
         return flow, True
 
-    for pose, (flow, has_file) in zip(poses, in_order(flow_mps, range(len(poses))), strict=True):
+    steps = [step for step, pose in enumerate(poses) if pose.frame in inputs.window]
+    for step, (flow, has_file) in zip(steps, in_order(flow_mps, steps), strict=True):
         if not has_file:
             inputs.count("frames without a file of flow", 1)
-        yield FlowRow(inputs.segment, pose.frame, flow)
+        yield FlowRow(inputs.segment, poses[step].frame, flow)
 
 
 def _triples(inputs: Inputs, min_interval_s: float, confirm_interval_s: float) -> Iterator[SweepTriple]:
@@ -185,11 +186,14 @@ def _triples(inputs: Inputs, min_interval_s: float, confirm_interval_s: float) -
     others = [other_steps(times_s, step, min_interval_s, confirm_interval_s) for step in range(len(poses))]
     first = [min([step, *compared]) for step, compared in enumerate(others)]
     needed_from = list(accumulate(reversed(first), min))[::-1]
-    coming = in_order(sweep, range(len(poses)))
+    steps = [step for step, pose in enumerate(poses) if pose.frame in inputs.window]
+    held_to = needed_from[steps[0]] if steps else 0  # the step after the last whose sweep was read
+    coming = in_order(sweep, range(held_to, len(poses)))
     sweeps: dict[int, tuple[Array, Array]] = {}
-    for step, pose in enumerate(poses):
-        while max(sweeps, default=-1) < max([step, *others[step]]):
-            sweeps[max(sweeps, default=-1) + 1] = next(coming)
+    for step in steps:
+        pose = poses[step]
+        while held_to <= max([step, *others[step]]):
+            sweeps[held_to], held_to = next(coming), held_to + 1
         for past in [past for past in sweeps if past < needed_from[step]]:
             del sweeps[past]
         here = inverse(pose.world_from_ego)
@@ -204,5 +208,11 @@ def _triples(inputs: Inputs, min_interval_s: float, confirm_interval_s: float) -
 
 
 STAGE = Stage(
-    name="flow", run=run, config=FlowConfig, row=FlowRow, reads=("raw", "odometry", "ground"), version=2
+    name="flow",
+    run=run,
+    config=FlowConfig,
+    row=FlowRow,
+    reads=("raw", "odometry", "ground"),
+    windowed=True,
+    version=2,
 )

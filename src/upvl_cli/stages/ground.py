@@ -58,7 +58,8 @@ def run(inputs: Inputs, config: GroundConfig) -> Iterator[GroundRow]:
         ground_z_m = source.ground_z(frame.index, xyz_ego_m)
         return height_above_known_ground(xyz_ego_m, ground_z_m, drive.ground_z_m, config.map)
 
-    for frame, heights_m in zip(drive.frames, in_order(height_m, drive.frames), strict=True):
+    frames = [frame for frame in drive.frames if frame.index in inputs.window]
+    for frame, heights_m in zip(frames, in_order(height_m, frames), strict=True):
         is_ground = heights_m <= config.max_height_m
         inputs.count("ground points", is_ground.sum())
         inputs.count("points above ground", (~is_ground).sum())
@@ -68,4 +69,6 @@ def run(inputs: Inputs, config: GroundConfig) -> Iterator[GroundRow]:
         yield GroundRow(inputs.segment, frame.index, heights_m, is_ground)
 
 
-STAGE = Stage(name="ground", run=run, config=GroundConfig, row=GroundRow, reads=("raw", "odometry"))
+STAGE = Stage(
+    name="ground", run=run, config=GroundConfig, row=GroundRow, reads=("raw", "odometry"), windowed=True
+)

@@ -35,7 +35,8 @@ def run(inputs: Inputs, config: PoolFeaturesConfig) -> Iterator[ObjectRow]:
     (fitted,) = inputs.table("pca", PcaRow)
     features, masks = inputs.table("extract-vl", ExtractVlRow), inputs.table("mask", MaskRow)
     looks = inputs.table("looks", LooksRow)
-    for row in inputs.table("nms", AmodalRow):
+    labels = inputs.table("nms", AmodalRow)
+    for row in (labels[frame] for frame in labels.frames if frame in inputs.window):
         seen = features[row.frame]
         point, feature = foreground_points(seen.state, seen.feature, masks[row.frame].background)
         total = len(row.boxes)
@@ -73,5 +74,6 @@ STAGE = Stage(
     config=PoolFeaturesConfig,
     row=ObjectRow,
     reads=("raw", "pca", "extract-vl", "mask", "nms", "looks"),
+    windowed=True,
     version=2,
 )
