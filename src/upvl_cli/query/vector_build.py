@@ -103,7 +103,10 @@ def build_vectors(drives: Sequence[Objects], basis: Basis) -> faiss.IndexIVFScal
             order = np.argsort(nearest, kind="stable")
             present, first = np.unique(nearest[order], return_index=True)
             total[present] += np.add.reduceat(vectors[order], first, axis=0)
-            lowest, highest = np.minimum(lowest, vectors.min(axis=0)), np.maximum(highest, vectors.max(axis=0))
+            lowest, highest = (
+                np.minimum(lowest, vectors.min(axis=0)),
+                np.maximum(highest, vectors.max(axis=0)),
+            )
         center = (total / np.maximum(np.bincount(list_of, minlength=lists), 1)[:, None]).astype(np.float32)
         return _filled(codes, numbers, basis, list_of, center, np.stack([lowest, highest]))
     finally:
@@ -112,7 +115,9 @@ def build_vectors(drives: Sequence[Objects], basis: Basis) -> faiss.IndexIVFScal
 
 def _codes(drives: Sequence[Objects]) -> tuple[Array, Ints]:
     """Return (n, COMPONENTS) int8 features to store, and (n,) their numbers."""
-    codes, numbers, first_row = [np.zeros((0, DIM - 1), np.int8)], [np.zeros(0, np.int64)], 0
+    codes: list[Array] = [np.zeros((0, DIM - 1), np.int8)]
+    numbers: list[Ints] = [np.zeros(0, np.int64)]
+    first_row = 0
     for objects in drives:
         rows = np.flatnonzero(objects.num_features > 0)
         codes.append(objects.pooled[rows])
@@ -146,9 +151,7 @@ def _trained(codes: Array, basis: Basis) -> Any:
     lists = int(np.clip(len(codes) // _VECTORS_PER_LIST, 1, _MAX_LISTS))
     coarse = faiss.IndexFlatIP(DIM)
     sample = np.sort(
-        np.random.default_rng(0).choice(
-            len(codes), min(len(codes), lists * _SAMPLES_PER_LIST), replace=False
-        )
+        np.random.default_rng(0).choice(len(codes), min(len(codes), lists * _SAMPLES_PER_LIST), replace=False)
     )
     if lists == 1:
         coarse.add(np.ones((1, DIM), np.float32))
@@ -157,7 +160,7 @@ def _trained(codes: Array, basis: Basis) -> Any:
         DIM, lists, niter=_ITERATIONS, seed=1, spherical=True, max_points_per_centroid=_SAMPLES_PER_LIST
     )
     kmeans.train(_vectors(codes[sample], basis))
-    coarse.add(kmeans.centroids)
+    coarse.add(np.asarray(kmeans.centroids, np.float32))
     return coarse
 
 
@@ -185,7 +188,5 @@ def _filled(
         vectors = _vectors(codes[begin : begin + _ROWS], basis)
         number = np.ascontiguousarray(numbers[begin : begin + _ROWS])
         lists = np.ascontiguousarray(list_of[begin : begin + _ROWS])
-        index.add_core(
-            len(vectors), faiss.swig_ptr(vectors), faiss.swig_ptr(number), faiss.swig_ptr(lists)
-        )
+        index.add_core(len(vectors), faiss.swig_ptr(vectors), faiss.swig_ptr(number), faiss.swig_ptr(lists))
     return index

@@ -140,7 +140,10 @@ class _Search:
         # The candidates of each drive of each file; -1 for a drive that is not searched here.
         self._drives = [
             np.array(
-                [by_drive.get(name, -1) if known else -1 for (name, _, _), known in zip(file.stamp.drives, covered.tolist(), strict=True)],
+                [
+                    by_drive.get(name, -1) if known else -1
+                    for (name, _, _), known in zip(file.stamp.drives, covered.tolist(), strict=True)
+                ],
                 np.int64,
             )
             for file, covered in zip(vectors.files, vectors.covers, strict=True)
@@ -175,9 +178,7 @@ class _Search:
         """Return the lists to read of each file, so many that enough of their vectors are of candidates."""
         bound = np.concatenate([self._bound(file.center) for file in self._files])
         share = [float(part.mean()) if len(part) else 0.0 for part in passes]
-        expected = np.concatenate(
-            [file.size * part for file, part in zip(self._files, share, strict=True)]
-        )
+        expected = np.concatenate([file.size * part for file, part in zip(self._files, share, strict=True)])
         wanted = _FEW_SHARE * min(expected.sum(), _FEW_VECTORS)
         wanted += _MANY_SHARE * max(expected.sum() - _FEW_VECTORS, 0)
         order = np.argsort(-bound, kind="stable")
@@ -264,9 +265,7 @@ class _Search:
                 drive[looks[~others]] = -1
         key = np.stack([drive, np.where(track < 0, -1 - row, track)], axis=1)
         first_of_key = np.sort(np.unique(key, axis=0, return_index=True)[1])
-        return [
-            (int(drive[place]), int(row[place])) for place in first_of_key.tolist() if drive[place] >= 0
-        ]
+        return [(int(drive[place]), int(row[place])) for place in first_of_key.tolist() if drive[place] >= 0]
 
     def _rows_of(self, best: Sequence[tuple[int, int]]) -> dict[int, Ints]:
         """Return the candidates of some tracks, ascending, by number of the candidates."""
