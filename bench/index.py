@@ -259,14 +259,6 @@ def _questions(workspace: Workspace, config: QueryConfig) -> Iterator[tuple[str,
             )
 
 
-def _found(found: object) -> set[str]:
-    hits = found.hits  # type: ignore[attr-defined]
-    return {
-        f"{segment} {track}"
-        for segment, track in zip(hits.segment.tolist(), hits.track_id.tolist(), strict=True)
-    }
-
-
 def _config(workspace: Workspace) -> QueryConfig:
     return replace(query_config(workspace, {"threshold": 0.0, "search": True}), by="vote")
 
@@ -299,10 +291,8 @@ def _exact(folder: Path, _: int, __: Sequence[Path]) -> None:
     for name, vocabulary, filters in _questions(workspace, config):
         started_s, started_cpu_s = time.perf_counter(), time.process_time()
         expected[name] = _candidates_of(store, warm, vocabulary, filters, config)
-        print(
-            f"exact ranking, {name}: {time.perf_counter() - started_s:.2f} s, {time.process_time() - started_cpu_s:.2f} CPU s",
-            flush=True,
-        )
+        took_s, took_cpu_s = time.perf_counter() - started_s, time.process_time() - started_cpu_s
+        print(f"exact ranking, {name}: {took_s:.2f} s, {took_cpu_s:.2f} CPU s", flush=True)
     (folder / "exact.json").write_text(json.dumps(expected))
 
 
@@ -314,9 +304,8 @@ def _search(folder: Path, boxes: int, _: Sequence[Path]) -> None:
     started_s, started_cpu_s = time.perf_counter(), time.process_time()
     index = open_index(store)
     vectors = open_vectors(store, index.drives, index.digests)
-    print(
-        f"opened in {time.perf_counter() - started_s:.2f} s, {time.process_time() - started_cpu_s:.2f} CPU s, {len(vectors.files)} files of vectors"
-    )
+    took_s, took_cpu_s = time.perf_counter() - started_s, time.process_time() - started_cpu_s
+    print(f"opened in {took_s:.2f} s, {took_cpu_s:.2f} CPU s, {len(vectors.files)} files of vectors")
     warm = WarmStore(index.drives, lambda name: point_features(store, name), Ranking(store.basis), vectors)
     recalls, times, cpu = [], [], []
     for name, vocabulary, filters in _questions(workspace, config):
@@ -330,7 +319,8 @@ def _search(folder: Path, boxes: int, _: Sequence[Path]) -> None:
         times.append(min(took)[0])
         cpu.append(min(seconds for _, seconds in took))
         print(
-            f"{name}: recall@{config.candidates} {recalls[-1]:.3f}, {times[-1]:.2f} s, {cpu[-1]:.2f} CPU s; {found.ranking}",
+            f"{name}: recall@{config.candidates} {recalls[-1]:.3f}, {times[-1]:.2f} s, {cpu[-1]:.2f} CPU s; "
+            f"{found.ranking}",
             flush=True,
         )
     peak = _peak_mib()
@@ -348,7 +338,8 @@ def _search(folder: Path, boxes: int, _: Sequence[Path]) -> None:
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     print(
-        f"the whole command: {time.perf_counter() - started_s:.2f} s, {cpu_s:.2f} CPU s, peak {after.ru_maxrss / 1024:.0f} MiB; {done.stdout.splitlines()[-2]}"
+        f"the whole command: {time.perf_counter() - started_s:.2f} s, {cpu_s:.2f} CPU s, peak "
+        f"{after.ru_maxrss / 1024:.0f} MiB; {done.stdout.splitlines()[-2]}"
     )
     met = np.median(times[:plain]) <= SEARCH_BAR_S and np.mean(recalls) >= RECALL_BAR and peak <= PEAK_BAR_MIB
     sys.exit(not met)

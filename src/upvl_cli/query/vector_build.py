@@ -122,9 +122,9 @@ def _codes(drives: Sequence[Objects]) -> tuple[Array, Ints]:
         rows = np.flatnonzero(objects.num_features > 0)
         codes.append(objects.pooled[rows])
         numbers.append(2 * (first_row + rows))
-        rows = _first_of_looks(objects)
-        codes.append(objects.look_feature[rows])
-        numbers.append(2 * (first_row + rows) + 1)
+        looks = _first_of_looks(objects)
+        codes.append(objects.look_feature[looks])
+        numbers.append(2 * (first_row + looks) + 1)
         first_row += len(objects)
     return np.concatenate(codes), np.concatenate(numbers)
 
