@@ -67,11 +67,9 @@ WORDS: tuple[tuple[str, tuple[str, ...] | None], ...] = (
     ("car", None),
     ("pedestrian", None),
     ("bus, tram", None),
-    ("bicycle", None),
     ("dog", None),
     ("excavator", None),
     ("truck", ("car", "bus")),
-    ("tree", ("road",)),
     ("traffic sign", None),
 )
 FILTERS = {
@@ -102,8 +100,7 @@ def main() -> None:
         if not (folder / "features.json").exists():
             _run("make", arguments)
             _run("index", arguments)
-        if not (folder / "exact.json").exists():
-            _run("exact", arguments)
+        _run("exact", arguments)
         _run("search", arguments)
 
 
@@ -239,35 +236,23 @@ def _index(folder: Path, boxes: int, _: Sequence[Path]) -> None:
     os.link(first, workspace.shard("pool-features", "drive-new"))
     started_s, started_cpu_s = time.perf_counter(), time.process_time()
     lines = list(make_index(workspace, "labels"))
-    print(
-        f"another drive: {time.perf_counter() - started_s:.1f} s, {time.process_time() - started_cpu_s:.1f} CPU s; {lines[-1]}"
-    )
+    took_s, took_cpu_s = time.perf_counter() - started_s, time.process_time() - started_cpu_s
+    print(f"another drive: {took_s:.1f} s, {took_cpu_s:.1f} CPU s; {lines[-1]}")
     workspace.shard("pool-features", "drive-new").unlink()
     list(make_index(workspace, "labels"))
 
 
 def _questions(workspace: Workspace, config: QueryConfig) -> Iterator[tuple[str, Vocabulary, Filters]]:
-    """Yield all words without filters, and the first few with each of the filters."""
-    for number, (filter_name, filters) in enumerate(FILTERS.items()):
-        for words, negatives in WORDS if number == 0 else WORDS[:2]:
-            classes = classes_from_phrases([words])
-            if negatives is not None:
-                classes = Classes(classes.words, negatives)
-            classes = with_kinds(classes, workspace.settings(classify.STAGE))
-            vocabulary = build_vocabulary(workspace, classes, config, check_spelling=False)
-            yield (
-                f"{words}{' without ' + ', '.join(negatives) if negatives else ''}; {filter_name}",
-                vocabulary,
-                filters,
-            )
-
-
-def _found(found: object) -> set[str]:
-    hits = found.hits  # type: ignore[attr-defined]
-    return {
-        f"{segment} {track}"
-        for segment, track in zip(hits.segment.tolist(), hits.track_id.tolist(), strict=True)
-    }
+    """Yield all words without filters, the first also with each of the filters."""
+    for number, (words, negatives) in enumerate(WORDS):
+        classes = classes_from_phrases([words])
+        if negatives is not None:
+            classes = Classes(classes.words, negatives)
+        classes = with_kinds(classes, workspace.settings(classify.STAGE))
+        vocabulary = build_vocabulary(workspace, classes, config, check_spelling=False)
+        name = f"{words}{' without ' + ', '.join(negatives) if negatives else ''}"
+        for filter_name in list(FILTERS) if number == 0 else ["all"]:
+            yield f"{name}; {filter_name}", vocabulary, FILTERS[filter_name]
 
 
 def _config(workspace: Workspace) -> QueryConfig:
@@ -298,15 +283,15 @@ def _exact(folder: Path, _: int, __: Sequence[Path]) -> None:
     warm = WarmStore(
         dict(indexed_objects(store)), lambda name: point_features(store, name), Ranking(store.basis)
     )
-    expected = {}
+    path = folder / "exact.json"
+    expected = json.loads(path.read_text()) if path.exists() else {}
     for name, vocabulary, filters in _questions(workspace, config):
-        started_s, started_cpu_s = time.perf_counter(), time.process_time()
-        expected[name] = _candidates_of(store, warm, vocabulary, filters, config)
-        print(
-            f"exact ranking, {name}: {time.perf_counter() - started_s:.2f} s, {time.process_time() - started_cpu_s:.2f} CPU s",
-            flush=True,
-        )
-    (folder / "exact.json").write_text(json.dumps(expected))
+        if name not in expected:
+            started_s, started_cpu_s = time.perf_counter(), time.process_time()
+            expected[name] = _candidates_of(store, warm, vocabulary, filters, config)
+            took_s, took_cpu_s = time.perf_counter() - started_s, time.process_time() - started_cpu_s
+            print(f"exact ranking, {name}: {took_s:.2f} s, {took_cpu_s:.2f} CPU s", flush=True)
+            path.write_text(json.dumps(expected))
 
 
 def _search(folder: Path, boxes: int, _: Sequence[Path]) -> None:
@@ -317,32 +302,36 @@ def _search(folder: Path, boxes: int, _: Sequence[Path]) -> None:
     started_s, started_cpu_s = time.perf_counter(), time.process_time()
     index = open_index(store)
     vectors = open_vectors(store, index.drives, index.digests)
-    print(
-        f"opened in {time.perf_counter() - started_s:.2f} s, {time.process_time() - started_cpu_s:.2f} CPU s, {len(vectors.files)} files of vectors"
-    )
+    took_s, took_cpu_s = time.perf_counter() - started_s, time.process_time() - started_cpu_s
+    print(f"opened in {took_s:.2f} s, {took_cpu_s:.2f} CPU s, {len(vectors.files)} files of vectors")
     warm = WarmStore(index.drives, lambda name: point_features(store, name), Ranking(store.basis), vectors)
-    recalls, times, cpu = [], [], []
+    recalls, times, cpu, plain = [], [], [], []
     for name, vocabulary, filters in _questions(workspace, config):
+        if name not in expected:  # the part "exact" was stopped
+            continue
         chosen = set(_candidates_of(store, warm, vocabulary, filters, config))
         recalls.append(len(chosen & set(expected[name])) / max(1, len(set(expected[name]))))
+        plain.append(filters == Filters())
         took = []
-        for _run_number in range(3):
+        for _run_number in range(2):
             started_s, started_cpu_s = time.perf_counter(), time.process_time()
             found = find(store, vocabulary, filters, config, warm)
             took.append((time.perf_counter() - started_s, time.process_time() - started_cpu_s))
         times.append(min(took)[0])
         cpu.append(min(seconds for _, seconds in took))
         print(
-            f"{name}: recall@{config.candidates} {recalls[-1]:.3f}, {times[-1]:.2f} s, {cpu[-1]:.2f} CPU s; {found.ranking}",
+            f"{name}: recall@{config.candidates} {recalls[-1]:.3f}, {times[-1]:.2f} s, {cpu[-1]:.2f} CPU s; "
+            f"{found.ranking}",
             flush=True,
         )
     peak = _peak_mib()
-    plain = len(WORDS)
+    no_filter = np.array(plain)
+    seconds, cpu_seconds = np.array(times), np.array(cpu)
     print(
         f"{boxes:,} boxes: recall@{config.candidates} mean {np.mean(recalls):.3f} (bar {RECALL_BAR:g}), lowest "
-        f"{min(recalls):.2f}; warm search {np.median(times[:plain]):.2f} s (bar {SEARCH_BAR_S:g}), "
-        f"{np.median(cpu[:plain]):.2f} CPU s; with filters {np.median(times[plain:]):.2f} s, "
-        f"{np.median(cpu[plain:]):.2f} CPU s; peak {peak:.0f} MiB (bar {PEAK_BAR_MIB:g})"
+        f"{min(recalls):.2f}; warm search {np.median(seconds[no_filter]):.2f} s (bar {SEARCH_BAR_S:g}), "
+        f"{np.median(cpu_seconds[no_filter]):.2f} CPU s; with filters {np.median(seconds[~no_filter]):.2f} s, "
+        f"{np.median(cpu_seconds[~no_filter]):.2f} CPU s; peak {peak:.0f} MiB (bar {PEAK_BAR_MIB:g})"
     )
     command = [str(Path(sys.executable).with_name("upvl")), "query", "fire truck", "--search", "--no-sheet"]
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -351,9 +340,14 @@ def _search(folder: Path, boxes: int, _: Sequence[Path]) -> None:
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     print(
-        f"the whole command: {time.perf_counter() - started_s:.2f} s, {cpu_s:.2f} CPU s, peak {after.ru_maxrss / 1024:.0f} MiB; {done.stdout.splitlines()[-2]}"
+        f"the whole command: {time.perf_counter() - started_s:.2f} s, {cpu_s:.2f} CPU s, peak "
+        f"{after.ru_maxrss / 1024:.0f} MiB; {done.stdout.splitlines()[-2]}"
     )
-    met = np.median(times[:plain]) <= SEARCH_BAR_S and np.mean(recalls) >= RECALL_BAR and peak <= PEAK_BAR_MIB
+    met = (
+        np.median(seconds[no_filter]) <= SEARCH_BAR_S
+        and np.mean(recalls) >= RECALL_BAR
+        and peak <= PEAK_BAR_MIB
+    )
     sys.exit(not met)
 
 

@@ -1,8 +1,8 @@
 """Groups of drives: each has files of its own, so that another drive changes the files of one group alone.
 
 The groups are the leaves of a binary tree over the bits of a digest of the drives' names: a leaf with more than
-`GROUP_DRIVES` drives is split by the next bit. So the names alone decide, whatever the order in which drives came, and a
-new drive changes one leaf, or splits it.
+`GROUP_DRIVES` drives is split by the next bit. So the names alone decide, whatever the order in which drives came, and
+a new drive changes one leaf, or splits it.
 """
 
 from __future__ import annotations

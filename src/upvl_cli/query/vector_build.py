@@ -115,14 +115,16 @@ def build_vectors(drives: Sequence[Objects], basis: Basis) -> faiss.IndexIVFScal
 
 def _codes(drives: Sequence[Objects]) -> tuple[Array, Ints]:
     """Return (n, COMPONENTS) int8 features to store, and (n,) their numbers."""
-    codes, numbers, first_row = [np.zeros((0, DIM - 1), np.int8)], [np.zeros(0, np.int64)], 0
+    codes: list[Array] = [np.zeros((0, DIM - 1), np.int8)]
+    numbers: list[Ints] = [np.zeros(0, np.int64)]
+    first_row = 0
     for objects in drives:
         rows = np.flatnonzero(objects.num_features > 0)
         codes.append(objects.pooled[rows])
         numbers.append(2 * (first_row + rows))
-        rows = _first_of_looks(objects)
-        codes.append(objects.look_feature[rows])
-        numbers.append(2 * (first_row + rows) + 1)
+        looks = _first_of_looks(objects)
+        codes.append(objects.look_feature[looks])
+        numbers.append(2 * (first_row + looks) + 1)
         first_row += len(objects)
     return np.concatenate(codes), np.concatenate(numbers)
 
@@ -158,7 +160,7 @@ def _trained(codes: Array, basis: Basis) -> Any:
         DIM, lists, niter=_ITERATIONS, seed=1, spherical=True, max_points_per_centroid=_SAMPLES_PER_LIST
     )
     kmeans.train(_vectors(codes[sample], basis))
-    coarse.add(kmeans.centroids)
+    coarse.add(np.asarray(kmeans.centroids, np.float32))
     return coarse
 
 

@@ -93,7 +93,7 @@ def write_vectors(path: Path, index: Any, drives: tuple[tuple[str, str, int], ..
     """
     import faiss
 
-    content = faiss.serialize_index(index)
+    content: Any = memoryview(faiss.serialize_index(index))  # type: ignore[arg-type]
     head = len(content) - index.ntotal * ENTRY_BYTES
     stamp = Stamp(
         VERSION,
@@ -126,11 +126,12 @@ class VectorFile:
 
         self.stamp = stamp
         self.first_row = np.cumsum([0, *(boxes for _, _, boxes in stamp.drives)])
-        self._lists = index.invlists
+        lists: Any = index.invlists
+        self._lists = lists
         self._index = index  # owns the lists
         flat = faiss.downcast_index(index.quantizer)
         self.center: Floats = np.asarray(flat.reconstruct_n(0, index.nlist), np.float32)
-        self.size: Ints = np.array([self._lists.list_size(number) for number in range(index.nlist)])
+        self.size: Ints = np.array([lists.list_size(number) for number in range(index.nlist)])
         lowest, extent = faiss.vector_to_array(index.sq.trained).reshape(2, DIM)
         self._step = (extent / 255).astype(np.float32)
         self._offset = (lowest + extent / 510).astype(np.float32)
@@ -149,7 +150,7 @@ class VectorFile:
                 same = os.fstat(file.fileno()).st_size == stamp.size and head > 0
                 if not same or hashlib.sha256(file.read(head)).hexdigest() != stamp.head:
                     return None
-            index = faiss.read_index(local, faiss.IO_FLAG_MMAP | faiss.IO_FLAG_READ_ONLY)
+            index: Any = faiss.read_index(local, faiss.IO_FLAG_MMAP | faiss.IO_FLAG_READ_ONLY)
             right = isinstance(index, faiss.IndexIVFScalarQuantizer) and index.d == DIM
             if right and index.code_size == DIM and index.ntotal == stamp.vectors:
                 return cls(stamp, index)

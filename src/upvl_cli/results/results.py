@@ -103,7 +103,7 @@ class Results:
     def query(self, phrases: str | Sequence[str], **options: Any) -> pa.Table:
         """Return the boxes that phrases find, best first, as `upvl query` finds them: one row a box.
 
-        The first query writes the search index, `out/query/index-labels.arrow`; later ones read it.
+        The first query writes the search index, `out/query/index/labels-*.arrow`; later ones read it.
 
         Args:
             phrases: Phrases to find, such as "fire truck"; commas separate several.

@@ -17,9 +17,10 @@ from upvl_cli.pipeline.stage import WHOLE_DATASET
 from upvl_cli.pipeline.tables import Table, footer_digest
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.query.find import WarmStore
-from upvl_cli.query.index import Objects, indexed_objects
+from upvl_cli.query.index import ObjectIndex, Objects, open_index
 from upvl_cli.query.ranking import Ranking
 from upvl_cli.query.store import STAGE_OF, Store, open_store
+from upvl_cli.query.vector_search import Vectors, open_vectors
 from upvl_cli.runtime.bounded_cache import BoundedCache
 from upvl_cli.stages.rows import LabelRow, PointFeatureRow
 from upvl_cli.types import Array, concat
@@ -59,10 +60,12 @@ class Catalog:
         store: Store | None,
         drives: Mapping[str, Objects],
         digest: str,
+        vectors: Vectors | None = None,
     ) -> None:
         """Keep what was opened."""
         self.source, self.store, self.drives, self.digest = source, store, drives, digest
         self.no_words = ""
+        self._vectors = vectors or Vectors()
         self._workspace = workspace
         held = max(1, _HELD_BYTES // (_GROUP_BYTES * max(1, min(len(drives), _OPEN_TABLES))))
         self._tables: BoundedCache[Table[PointFeatureRow]] = BoundedCache(_OPEN_TABLES)
@@ -74,7 +77,7 @@ class Catalog:
         """The open boxes, as a search takes them."""
         if self.store is None:
             raise NotMade(self.no_words)
-        return WarmStore(self.drives, self.point_features, self._ranking)
+        return WarmStore(self.drives, self.point_features, self._ranking, self._vectors)
 
     @cached_property
     def _ranking(self) -> Ranking:
@@ -216,14 +219,15 @@ class Catalogs:
     def _make(self, source: str, digest: str) -> Catalog:
         try:
             store = open_store(self._workspace, source)
-            drives = _open_index(store)
+            index = _open_index(store)
         except UpvlError as error:
             if source != "labels" or not any((self._workspace.out / "labels").glob("*.parquet")):
                 raise
             return self._without_features(one_line(error), digest)
-        catalog = Catalog(self._workspace, source, store, drives, digest)
+        vectors = open_vectors(store, index.drives, index.digests)
+        catalog = Catalog(self._workspace, source, store, index.drives, digest, vectors)
         if not any(
-            ((objects.num_features > 0) | (objects.num_looks > 0)).any() for objects in drives.values()
+            ((objects.num_features > 0) | (objects.num_looks > 0)).any() for objects in index.drives.values()
         ):
             catalog.no_words = _NO_FEATURES
         else:
@@ -245,15 +249,14 @@ class Catalogs:
         return ""
 
 
-def _open_index(store: Store) -> dict[str, Objects]:
+def _open_index(store: Store) -> ObjectIndex:
     """Return the boxes of all drives from the search index, which is kept elsewhere where `out` cannot be written."""
     try:
-        return dict(indexed_objects(store))
+        return open_index(store)
     except NotMade:
         raise
     except UpvlError:
-        folder = Path(tempfile.mkdtemp(prefix="upvl-serve-"))
-        return dict(indexed_objects(replace(store, index=folder / store.index.name)))
+        return open_index(replace(store, index=Path(tempfile.mkdtemp(prefix="upvl-serve-"))))
 
 
 def _plain_objects(table: Table[LabelRow]) -> Objects:
