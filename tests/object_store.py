@@ -20,7 +20,7 @@ from typing import Any
 
 import pytest
 
-from upvl_cli.pipeline.storage import connect, file_cache, remote_path
+from upvl_cli.pipeline.storage import connect, file_cache, listings, read_ahead
 
 SECRET = "Qf7unmistakable9secret4of1the2tests"
 KEY = "AKIAUNMISTAKABLEKEY"
@@ -96,7 +96,8 @@ def use_store(monkeypatch: pytest.MonkeyPatch, variables: dict[str, str], cache:
         monkeypatch.setenv(name, value)
     connect.connect.cache_clear()
     file_cache.file_cache.cache_clear()
-    remote_path._listed.cache_clear()
+    listings.listings.cache_clear()
+    read_ahead.read_ahead.cache_clear()
 
 
 FAULTS = ("500", "503", "no answer", "cut request", "cut answer", "answer lost", "slow")
@@ -108,6 +109,7 @@ class FaultyProxy:
     def __init__(self, server_port: int, *, seed: int, share: float, faults: Sequence[str] = FAULTS) -> None:
         self.port = free_port()
         self.injected: Counter[str] = Counter()
+        self.requests: Counter[str] = Counter()  # by method; `LIST` is what lists objects
         self._server_port, self._share, self._faults = server_port, share, faults
         self._random, self._lock = random.Random(seed), threading.Lock()
         proxy = self
@@ -146,6 +148,8 @@ class FaultyProxy:
     def serve(self, request: BaseHTTPRequestHandler) -> None:
         """Pass a request on, or spoil it."""
         fault = self._choose()
+        with self._lock:
+            self.requests["LIST" if "list-type=" in request.path else request.command] += 1
         length = int(request.headers.get("Content-Length") or 0)
         request.close_connection = bool(fault)
         if fault == "cut request":

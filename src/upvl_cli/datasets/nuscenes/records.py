@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -113,7 +112,7 @@ def _file_of(row: Row, tables: Tables) -> Path:
     folder = tables.folders.get(parent)
     if folder is None:
         folder = tables.folders[parent] = inside(tables.root, parent, where)
-    return inside(tables.root, name, where) if os.path.islink(folder / last) else folder / last
+    return inside(tables.root, name, where) if (folder / last).is_symlink() else folder / last
 
 
 def time_of(row: Row, path: Path) -> int:

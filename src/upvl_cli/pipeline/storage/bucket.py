@@ -19,7 +19,7 @@ _PART_BYTES = 8 * 2**20
 _STREAM_BYTES = 4 * 2**20
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class ObjectInfo:
     """What a store says of an object.
 
@@ -189,17 +189,29 @@ class Bucket:
         )
         return bool(found)
 
+    def objects_after(self, prefix: str, after: str) -> Iterator[tuple[str, ObjectInfo]]:
+        """Yield the objects below a prefix that come behind a key, in order, each by its key without the prefix.
+
+        Args:
+            prefix: Ends with a slash, or is empty.
+            after: The key, which is left out itself.
+        """
+        for batch in self.batches(prefix, after, rows=1000):
+            for item in batch.to_pylist():
+                yield str(item["path"]).removeprefix(prefix), _info(item)
+
     def keys(self, prefix: str) -> Iterator[str]:
         """Yield the keys of all objects below a prefix, in order."""
         for batch in self.batches(prefix):
             yield from batch.column("path").to_pylist()
 
-    def batches(self, prefix: str, after: str | None = None) -> Iterator[pa.RecordBatch]:
+    def batches(self, prefix: str, after: str | None = None, rows: int = 5000) -> Iterator[pa.RecordBatch]:
         """Yield all objects below a prefix in order of their keys, a few thousand at a time.
 
         Args:
             prefix: Ends with a slash, or is empty.
             after: The key after which to begin; None begins with the first.
+            rows: How many objects at a time; a request brings a thousand at most.
 
         Yields:
             Columns `path`, `last_modified`, `size`, `e_tag`.
@@ -213,7 +225,7 @@ class Bucket:
             pages = iter(
                 attempt(
                     lambda begin=after: obstore.list(  # type: ignore[misc]
-                        store, prefix, offset=begin, chunk_size=5000, return_arrow=True
+                        store, prefix, offset=begin, chunk_size=rows, return_arrow=True
                     ),
                     self.address(prefix),
                     "listed",

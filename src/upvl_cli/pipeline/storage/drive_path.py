@@ -5,11 +5,12 @@ from __future__ import annotations
 import io
 from bisect import bisect_left
 from collections.abc import Collection, Generator
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import Any, Self, cast
 
-from upvl_cli.pipeline.storage.block_file import BLOCK_BYTES, BlockFile
+from upvl_cli.pipeline.storage.block_file import BlockFile
 from upvl_cli.pipeline.storage.bucket import ObjectInfo
 from upvl_cli.pipeline.storage.file_cache import file_cache
 from upvl_cli.pipeline.storage.listings import Place, listings
@@ -17,6 +18,7 @@ from upvl_cli.pipeline.storage.read_ahead import read_ahead
 from upvl_cli.pipeline.storage.remote_path import WHOLE_BYTES, Children, RemotePath
 
 _SWEEP_BYTES = 64 * 2**20  # larger files are no sweep and no picture: of those only blocks are fetched
+_FETCHED_AT_A_TIME = 8  # files of a folder that is copied
 
 
 class DrivePath(RemotePath):
@@ -90,11 +92,23 @@ class DrivePath(RemotePath):
             FileNotFoundError: There is none.
         """
         prefix = f"{self.key}/"
-        found = [(key.removeprefix(prefix), self / key.removeprefix(prefix)) for key in self.bucket.keys(prefix)]
-        if not found:
+        names = [key.removeprefix(prefix) for key in self.bucket.keys(prefix)]
+        if not names:
             raise self._missing()
-        version = "\n".join(f"{name} {path.version}" for name, path in found)
-        return file_cache().folder(str(self), version, {name: path._fetched(path._info()) for name, path in found})
+        listings().list_at_once(self.bucket, [(self / name).parent._place for name in names])
+        version = "\n".join(f"{name} {(self / name).version}" for name in names)
+
+        def fetch(folder: Path, name: str) -> None:
+            place = folder / name
+            place.parent.mkdir(parents=True, exist_ok=True)
+            with place.open("wb") as file:
+                self.bucket.download(prefix + name, file)
+
+        def write(folder: Path) -> None:
+            with ThreadPoolExecutor(_FETCHED_AT_A_TIME) as pool:
+                list(pool.map(partial(fetch, folder), names))
+
+        return file_cache().folder(str(self), version, write)
 
     @property
     def _place(self) -> Place:
