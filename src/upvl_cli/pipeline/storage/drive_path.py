@@ -17,7 +17,7 @@ from upvl_cli.pipeline.storage.listings import Place, listings
 from upvl_cli.pipeline.storage.read_ahead import read_ahead
 from upvl_cli.pipeline.storage.remote_path import WHOLE_BYTES, Children, RemotePath
 
-_SWEEP_BYTES = 64 * 2**20  # larger files are no sweep and no picture: of those only blocks are fetched
+SWEEP_BYTES = 64 * 2**20  # larger files are no sweep and no picture: of those only blocks are fetched
 _FETCHED_AT_A_TIME = 8  # files of a folder that is copied
 
 
@@ -81,7 +81,7 @@ class DrivePath(RemotePath):
     def read_bytes(self) -> bytes:
         """Return the object."""
         info = self._info()
-        if info.size > _SWEEP_BYTES:
+        if info.size > SWEEP_BYTES:
             return super().read_bytes()
         return self._fetched(info).read_bytes()
 
