@@ -176,7 +176,10 @@ class Bucket:
         except FileNotFoundError:
             return [], {}
         folders = [str(path).rstrip("/").rpartition("/")[2] for path in found["common_prefixes"]]
-        objects = {str(item["path"]).rpartition("/")[2]: _info(item) for item in found["objects"]}
+        # An object whose key is the prefix itself marks the folder: consoles of stores write such.
+        objects = {
+            name: _info(item) for item in found["objects"] if (name := _name_below(prefix, str(item["path"])))
+        }
         return folders, objects
 
     def has_below(self, prefix: str) -> bool:
@@ -198,12 +201,13 @@ class Bucket:
         """
         for batch in self.batches(prefix, after, rows=1000):
             for item in batch.to_pylist():
-                yield str(item["path"]).removeprefix(prefix), _info(item)
+                if name := _name_below(prefix, str(item["path"])):
+                    yield name, _info(item)
 
     def keys(self, prefix: str) -> Iterator[str]:
         """Yield the keys of all objects below a prefix, in order."""
         for batch in self.batches(prefix):
-            yield from batch.column("path").to_pylist()
+            yield from (key for key in batch.column("path").to_pylist() if _name_below(prefix, key))
 
     def batches(self, prefix: str, after: str | None = None, rows: int = 5000) -> Iterator[pa.RecordBatch]:
         """Yield all objects below a prefix in order of their keys, a few thousand at a time.
@@ -249,6 +253,11 @@ class Bucket:
 def bucket_of(scheme: str, name: str) -> Bucket:
     """Return the bucket of a scheme and a name."""
     return Bucket(scheme, name)
+
+
+def _name_below(prefix: str, key: str) -> str:
+    """Return a key without a prefix; empty for the mark of the prefix itself, whose last slash the library drops."""
+    return key.removeprefix(prefix) if key.startswith(prefix) else ""
 
 
 def _info(found: Any) -> ObjectInfo:

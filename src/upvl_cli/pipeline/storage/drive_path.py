@@ -93,9 +93,11 @@ class DrivePath(RemotePath):
         """
         prefix = f"{self.key}/"
         names = [key.removeprefix(prefix) for key in self.bucket.keys(prefix)]
+        places = {(self / name).parent._place for name in names}
+        listings().list_at_once(self.bucket, sorted(places))
+        names = [name for name in names if (self / name).is_file()]  # without the marks of folders
         if not names:
             raise self._missing()
-        listings().list_at_once(self.bucket, [(self / name).parent._place for name in names])
         version = "\n".join(f"{name} {(self / name).version}" for name in names)
 
         def fetch(folder: Path, name: str) -> None:
