@@ -12,6 +12,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -98,6 +99,23 @@ def use_store(monkeypatch: pytest.MonkeyPatch, variables: dict[str, str], cache:
     file_cache.file_cache.cache_clear()
     listings.listings.cache_clear()
     read_ahead.read_ahead.cache_clear()
+
+
+def upload(folder: Path, address: str) -> None:
+    """Copy a folder to an address of the store that this process uses."""
+    import boto3
+
+    client = boto3.client("s3", endpoint_url=os.environ["AWS_ENDPOINT_URL"])
+    bucket, _, prefix = address.removeprefix("s3://").partition("/")
+    with ThreadPoolExecutor(8) as pool:
+        list(
+            pool.map(
+                lambda path: client.put_object(
+                    Bucket=bucket, Key=f"{prefix}/{path.relative_to(folder)}", Body=path.read_bytes()
+                ),
+                (path for path in folder.rglob("*") if path.is_file()),
+            )
+        )
 
 
 FAULTS = ("500", "503", "no answer", "cut request", "cut answer", "answer lost", "slow")

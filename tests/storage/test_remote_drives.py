@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ import pytest
 from datasets.argoverse2 import av2_log
 from datasets.kitti import kitti_writers
 from datasets.nuscenes import nuscenes_tables
-from object_store import FaultyProxy, Server, use_store, variables_of
+from object_store import FaultyProxy, Server, upload, use_store, variables_of
 from open_door import write_open_door
 from tiny_kitti import write_drive
 from tiny_waymo import tiny_segment, write_v1, write_v2
@@ -56,21 +55,6 @@ LAYOUTS: dict[str, tuple[str, Callable[[Path], Any]]] = {
     "parquet": ("parquet", write_open_door),
     "py123d": ("py123d", write_py123d),
 }
-
-
-def upload(folder: Path, address: str) -> None:
-    """Copy a folder into the store."""
-    client = boto3.client("s3", endpoint_url=os.environ["AWS_ENDPOINT_URL"])
-    bucket, _, prefix = address.removeprefix("s3://").partition("/")
-    with ThreadPoolExecutor(8) as pool:
-        list(
-            pool.map(
-                lambda path: client.put_object(
-                    Bucket=bucket, Key=f"{prefix}/{path.relative_to(folder)}", Body=path.read_bytes()
-                ),
-                (path for path in folder.rglob("*") if path.is_file()),
-            )
-        )
 
 
 def opened(name: str, root: Path) -> Dataset:
