@@ -8,7 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from upvl_cli.datasets.py123d.drive import Py123dDrive, open_drive
-from upvl_cli.datasets.shared.folders import entries, list_at_once
+from upvl_cli.datasets.shared.folders import entries, is_link, list_at_once
 from upvl_cli.datasets.shared.numbered_files import describe_files
 from upvl_cli.datasets.shared.paths import check_segment_name, find, unknown_segment
 from upvl_cli.errors import BadInput
@@ -55,7 +55,7 @@ def _log_folders(folder: Path) -> Iterator[Path]:
     if ("sync.arrow", False) in found:
         yield folder
         return
-    names = [name for name, is_folder in found if is_folder and not (folder / name).is_symlink()]
+    names = [name for name, is_folder in found if is_folder and not is_link(folder / name)]
     list_at_once(folder, names)
     for name in names:
         yield from _log_folders(folder / name)

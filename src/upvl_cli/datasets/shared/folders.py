@@ -57,6 +57,11 @@ def list_at_once(folder: Path, names: Collection[str]) -> None:
         remote.list_at_once(names)
 
 
+def is_link(path: Path) -> bool:
+    """Return whether a path is a link; object stores have none."""
+    return _remote(path) is None and os.path.islink(path)
+
+
 def present_files(paths: Collection[Path]) -> set[Path]:
     """Return those of many files that are there; none is opened."""
     by_folder: dict[Path, set[str]] = {}
