@@ -42,7 +42,7 @@ def main() -> int:
         print(f"on the local disk: {time.perf_counter() - started:.1f} s")
         plain = FaultyProxy(server.port, seed=0, share=0)
         _label(folder, plain, "plain", processes=1)
-        print(f"in a store without faults: {plain.requests} requests")
+        print(f"in a store without faults: {plain.requests.total()} requests")
         plain.close()
         injected: Counter[str] = Counter()
         requests, messages, number, differing = 0, [], 0, 0
@@ -50,7 +50,7 @@ def main() -> int:
             proxy = FaultyProxy(server.port, seed=number, share=chosen.share)
             messages += _label(folder, proxy, f"run-{number}", processes=2)
             injected += proxy.injected
-            requests += proxy.requests
+            requests += proxy.requests.total()
             proxy.close()
             differing += _differing(folder, server.port, f"run-{number}")
             number += 1

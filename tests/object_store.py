@@ -12,6 +12,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -20,7 +21,7 @@ from typing import Any
 
 import pytest
 
-from upvl_cli.pipeline.storage import connect, file_cache, remote_path
+from upvl_cli.pipeline.storage import connect, file_cache, listings, read_ahead
 
 SECRET = "Qf7unmistakable9secret4of1the2tests"
 KEY = "AKIAUNMISTAKABLEKEY"
@@ -96,7 +97,25 @@ def use_store(monkeypatch: pytest.MonkeyPatch, variables: dict[str, str], cache:
         monkeypatch.setenv(name, value)
     connect.connect.cache_clear()
     file_cache.file_cache.cache_clear()
-    remote_path._listed.cache_clear()
+    listings.listings.cache_clear()
+    read_ahead.read_ahead.cache_clear()
+
+
+def upload(folder: Path, address: str) -> None:
+    """Copy a folder to an address of the store that this process uses."""
+    import boto3
+
+    client = boto3.client("s3", endpoint_url=os.environ["AWS_ENDPOINT_URL"])
+    bucket, _, prefix = address.removeprefix("s3://").partition("/")
+    with ThreadPoolExecutor(8) as pool:
+        list(
+            pool.map(
+                lambda path: client.put_object(
+                    Bucket=bucket, Key=f"{prefix}/{path.relative_to(folder)}", Body=path.read_bytes()
+                ),
+                (path for path in folder.rglob("*") if path.is_file()),
+            )
+        )
 
 
 FAULTS = ("500", "503", "no answer", "cut request", "cut answer", "answer lost", "slow")
@@ -108,7 +127,7 @@ class FaultyProxy:
     def __init__(self, server_port: int, *, seed: int, share: float, faults: Sequence[str] = FAULTS) -> None:
         self.port = free_port()
         self.injected: Counter[str] = Counter()
-        self.requests = 0
+        self.requests: Counter[str] = Counter()  # by method; `LIST` is what lists objects
         self._server_port, self._share, self._faults = server_port, share, faults
         self._random, self._lock = random.Random(seed), threading.Lock()
         proxy = self
@@ -138,7 +157,6 @@ class FaultyProxy:
 
     def _choose(self) -> str:
         with self._lock:
-            self.requests += 1
             if self._random.random() >= self._share:
                 return ""
             fault = self._random.choice(list(self._faults))
@@ -148,6 +166,8 @@ class FaultyProxy:
     def serve(self, request: BaseHTTPRequestHandler) -> None:
         """Pass a request on, or spoil it."""
         fault = self._choose()
+        with self._lock:
+            self.requests["LIST" if "list-type=" in request.path else request.command] += 1
         length = int(request.headers.get("Content-Length") or 0)
         request.close_connection = bool(fault)
         if fault == "cut request":

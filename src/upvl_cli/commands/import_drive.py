@@ -21,6 +21,7 @@ from upvl_cli.datasets.recordings.sustech import is_sustech, open_sustech
 from upvl_cli.datasets.shared.content import unreadable
 from upvl_cli.datasets.shared.paths import check_segment_name
 from upvl_cli.errors import BadInput, BadSetting, UpvlError
+from upvl_cli.pipeline.storage.remote_path import has_scheme
 from upvl_cli.runtime.atomic import write_if_changed
 
 _VERSION = 1  # raised by hand when the same recording gives other tables
@@ -86,6 +87,12 @@ def import_drive(request: ImportRequest, watch: Watch) -> ImportSummary:
         BadSetting: An option is wrong.
         UpvlError: The folder cannot be written, or holds a file of that name that no import wrote.
     """
+    for place in (request.source, request.folder):
+        if has_scheme(str(place)):
+            raise BadSetting(
+                f"{place.parts[0]}//{'/'.join(place.parts[1:])} is in an object store, which import does not read or "
+                "write; copy the recording to this machine, and afterwards the drive to the store"
+            )
     if request.folder.exists() and not request.folder.is_dir():
         raise BadSetting(f"{request.folder} is a file; expected a folder of drives to write into")
     try:

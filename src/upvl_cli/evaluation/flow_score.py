@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -77,7 +76,7 @@ def flow_score(
     Raises:
         NotMade: A drive has no flow, or it was made with other settings.
     """
-    source = flow_source(workspace.raw.dataset, Path(workspace.raw.root), workspace.dataset)
+    source = flow_source(workspace.raw.dataset, workspace.root, workspace.dataset)
     if source is None:
         return None
     pairs = [

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -37,7 +36,7 @@ R = TypeVar("R", bound=Row)
 
 
 def _labels_of_dataset(workspace: Workspace) -> LabelSource:
-    return label_source(workspace.raw.dataset, Path(workspace.raw.root), workspace.dataset)
+    return label_source(workspace.raw.dataset, workspace.root, workspace.dataset)
 
 
 HUMAN_LABELS, CORRECTIONS = "labels", "corrections"

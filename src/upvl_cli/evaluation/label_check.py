@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -37,7 +36,7 @@ def check_label_source(
     Raises:
         BadInput: The drive has no labels, or they cannot be read.
     """
-    source = label_source(workspace.raw.dataset, Path(workspace.raw.root), workspace.dataset)
+    source = label_source(workspace.raw.dataset, workspace.root, workspace.dataset)
     yield from check_labels(source.labels(segment), sample, config)
 
 

@@ -101,9 +101,8 @@ def _table_of(block: bytes) -> pa.Table:
             return table.select(_SCHEMA.names)
     except (pa.ArrowException, ValueError):
         pass  # a line that a kill cut short
-    return pa.table(
-        list(zip(*_values(records_of(block)), strict=True)) or [[]] * len(_SCHEMA), schema=_SCHEMA
-    )
+    columns = list(zip(*_values(records_of(block)), strict=True))
+    return pa.table(columns, schema=_SCHEMA) if columns else _SCHEMA.empty_table()
 
 
 def _values(records: Iterator[RunRecord]) -> Iterator[tuple[object, ...]]:

@@ -97,7 +97,12 @@ class Workspace:
         """The dataset that `raw.toml` names."""
         adapter = self.pipeline.dataset(self.raw.dataset)
         own = adapter.config and load(adapter.config, self.dataset_file)
-        return adapter.open(location(self.raw.root, of_drives=True), own)
+        return adapter.open(self.root, own)
+
+    @property
+    def root(self) -> Path:
+        """The folder of the drives that `raw.toml` names."""
+        return location(self.raw.root, of_drives=True)
 
     @property
     def dataset_file(self) -> Path:

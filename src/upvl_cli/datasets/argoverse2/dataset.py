@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
 from upvl_cli.datasets.argoverse2.drive import SWEEPS, ArgoverseDrive, open_drive
 from upvl_cli.datasets.shared.content import unreadable
+from upvl_cli.datasets.shared.folders import absolute
 from upvl_cli.datasets.shared.paths import check_segment_name, find, unknown_segment
 from upvl_cli.errors import BadInput
 
@@ -41,7 +41,7 @@ class Argoverse2:
 
 
 def _log_folders(root: Path) -> dict[str, Path]:
-    root = Path(os.path.abspath(root))  # a root `.` has no name; links stay as they are
+    root = absolute(root)  # a root `.` has no name; links stay as they are
     folders: dict[str, Path] = {}
     for found in find(root, [SWEEPS, f"*/{SWEEPS}", f"*/*/{SWEEPS}"]):
         folder = found.parents[1]

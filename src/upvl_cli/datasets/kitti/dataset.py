@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -17,6 +16,7 @@ from upvl_cli.datasets.kitti.odometry import open_odometry
 from upvl_cli.datasets.kitti.raw import open_raw
 from upvl_cli.datasets.kitti.tracking import open_tracking
 from upvl_cli.datasets.shared.content import unreadable
+from upvl_cli.datasets.shared.folders import absolute, list_at_once, subfolders
 from upvl_cli.datasets.shared.numbered_files import describe_files, numbered_files
 from upvl_cli.datasets.shared.paths import check_segment_name, unknown_segment
 from upvl_cli.errors import BadInput
@@ -70,7 +70,7 @@ class Kitti:
 
 
 def _find_segments(root: Path) -> dict[str, KittiSegment]:
-    root = Path(os.path.abspath(root))  # a root `.` has no name; links stay as they are
+    root = absolute(root)  # a root `.` has no name; links stay as they are
     found: dict[str, KittiSegment] = {}
     without: list[Path] = []
     for folder in _drive_folders(root, _DEPTH):
@@ -93,8 +93,7 @@ def _find_segments(root: Path) -> dict[str, KittiSegment]:
 def _drive_folders(folder: Path, depth: int) -> Iterator[Path]:
     """Yield the folders that hold sweeps, in order; none is looked for inside of another."""
     try:
-        with os.scandir(folder) as entries:
-            names = sorted(entry.name for entry in entries if entry.is_dir())
+        names = subfolders(folder)
     except (FileNotFoundError, NotADirectoryError):
         return
     except OSError as error:
@@ -104,9 +103,10 @@ def _drive_folders(folder: Path, depth: int) -> Iterator[Path]:
     if _RAW in names or _OTHERS in names:
         yield folder
     elif depth > 0:
+        names = [name for name in names if not name.startswith((".", _RADAR))]
+        list_at_once(folder, names)
         for name in names:
-            if not name.startswith((".", _RADAR)):
-                yield from _drive_folders(folder / name, depth - 1)
+            yield from _drive_folders(folder / name, depth - 1)
 
 
 def _segments_of(folder: Path) -> Iterator[tuple[str, KittiSegment]]:
@@ -125,7 +125,9 @@ def _segments_of(folder: Path) -> Iterator[tuple[str, KittiSegment]]:
         for run in find_runs(folder):
             yield run.name, KittiSegment(folder, partial(open_object, run))
         return
-    for sequence in sorted(path for path in sweeps.iterdir() if path.is_dir()):
+    names = subfolders(sweeps)
+    list_at_once(sweeps, names)
+    for sequence in (sweeps / name for name in names):
         if numbered_files(sequence, (".bin",)):
             name = f"{folder.name}-{sequence.name}"
             yield name, KittiSegment(sequence, partial(open_tracking, sequence, name))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,6 +15,7 @@ from upvl_cli.datasets.nuscenes.ego_points import is_at_lidar, is_on_zoe
 from upvl_cli.datasets.nuscenes.layout import Scene
 from upvl_cli.datasets.nuscenes.pictures import IndexedSweep, pictures_of
 from upvl_cli.datasets.nuscenes.records import Channel, SensorFile, lidar_of, read_channels
+from upvl_cli.datasets.shared.folders import present_files
 from upvl_cli.datasets.shared.lookup import camera_of_name, of_frame
 from upvl_cli.datasets.shared.pictures import read_picture
 from upvl_cli.datasets.shared.point_files.read import read_points
@@ -109,9 +109,10 @@ def open_drive(scene: Scene) -> NuScenesDrive:
     mounts = scene.tables.folder / "calibrated_sensor.json"
     cameras, pictures = [], {}
     for name, channel in sorted(channels.items()):
-        present = tuple(record for record in channel.records if os.path.isfile(record.path))
         if channel.modality != "camera":
             continue
+        there = present_files([record.path for record in channel.records])
+        present = tuple(record for record in channel.records if record.path in there)
         if len(present) < len(channel.records):
             skipped[f"{name} picture without file"] += len(channel.records) - len(present)
         if present:
@@ -147,8 +148,9 @@ def _sweeps(
 ) -> list[IndexedSweep]:
     """Return the sweeps that have a file and a pose; their index counts all sweeps of the scene."""
     sweeps = []
+    there = present_files([record.path for record in lidar.records])
     for index, record in enumerate(lidar.records):
-        if not os.path.isfile(record.path):
+        if record.path not in there:
             skipped["sweep without file"] += 1
         elif record.pose_token not in poses:
             skipped["sweep without pose"] += 1

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
 from upvl_cli.datasets.nuscenes.tables import KeyedTable, Row, read_table, text_of
 from upvl_cli.datasets.shared.content import unreadable
+from upvl_cli.datasets.shared.folders import absolute, subfolders
 from upvl_cli.datasets.shared.paths import check_segment_name
 from upvl_cli.errors import BadInput
 
@@ -92,7 +92,7 @@ def find_scenes(root: Path) -> dict[str, Scene]:
     Raises:
         BadInput: There is none, or two scenes have one name.
     """
-    root = Path(os.path.abspath(root))
+    root = absolute(root)
     scenes: dict[str, Scene] = {}
     folders = sorted(_table_folders(root), key=lambda folder: (folder.name.endswith("mini"), folder))
     for folder in folders:
@@ -123,7 +123,6 @@ def _table_folders(root: Path) -> list[Path]:
 
 def _children(folder: Path) -> list[Path]:
     try:
-        with os.scandir(folder) as entries:
-            return sorted(Path(entry.path) for entry in entries if entry.is_dir())
+        return [folder / name for name in subfolders(folder)]
     except OSError as error:
         raise unreadable(folder, error) from None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,6 +9,7 @@ from pathlib import Path
 
 from upvl_cli.datasets.nuscenes.layout import Scene, Tables
 from upvl_cli.datasets.nuscenes.tables import Row, number_of, row_name, shown, text_of
+from upvl_cli.datasets.shared.folders import is_link
 from upvl_cli.datasets.shared.paths import inside
 from upvl_cli.errors import BadInput
 
@@ -113,7 +113,7 @@ def _file_of(row: Row, tables: Tables) -> Path:
     folder = tables.folders.get(parent)
     if folder is None:
         folder = tables.folders[parent] = inside(tables.root, parent, where)
-    return inside(tables.root, name, where) if os.path.islink(folder / last) else folder / last
+    return inside(tables.root, name, where) if is_link(folder / last) else folder / last
 
 
 def time_of(row: Row, path: Path) -> int:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
 from upvl_cli.datasets.py123d.drive import Py123dDrive, open_drive
+from upvl_cli.datasets.shared.folders import entries, is_link, list_at_once
 from upvl_cli.datasets.shared.numbered_files import describe_files
 from upvl_cli.datasets.shared.paths import check_segment_name, find, unknown_segment
 from upvl_cli.errors import BadInput
@@ -30,12 +30,7 @@ class Py123dLogs:
             BadInput: There is no log, or two have the same name.
         """
         self._root = root
-        folders = [
-            Path(folder)
-            for split in find(root, ["logs/*"])
-            for folder, below, names in os.walk(split)
-            if _is_log(below, names)
-        ]
+        folders = [folder for split in find(root, ["logs/*"]) for folder in _log_folders(split)]
         if not folders:
             raise BadInput(
                 f"{root} has no log of py123d; expected logs/<split>/<log>/sync.arrow in it, "
@@ -51,12 +46,19 @@ class Py123dLogs:
         return open_drive(self._folders[segment], segment)
 
 
-def _is_log(below: list[str], names: list[str]) -> bool:
-    """Return whether a folder that `os.walk` visits is a log; below one there is no other."""
-    found = "sync.arrow" in names
-    if found:
-        below.clear()
-    return found
+def _log_folders(folder: Path) -> Iterator[Path]:
+    """Yield the folders that are logs; below one there is no other."""
+    try:
+        found = entries(folder)
+    except OSError:  # a file, or another one's folder
+        return
+    if ("sync.arrow", False) in found:
+        yield folder
+        return
+    names = [name for name, is_folder in found if is_folder and not is_link(folder / name)]
+    list_at_once(folder, names)
+    for name in names:
+        yield from _log_folders(folder / name)
 
 
 def _folders_by_name(folders: list[Path], logs: Path) -> dict[str, Path]:

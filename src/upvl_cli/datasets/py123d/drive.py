@@ -14,6 +14,7 @@ from py123d.datatypes import ModalityType
 from upvl_cli.datasets.py123d.cameras import check_first_picture, read_camera, read_image
 from upvl_cli.datasets.py123d.library import ArrowLog, library_errors, open_log, pose_matrices
 from upvl_cli.datasets.py123d.points import CarOutline, car_outline, read_sweep
+from upvl_cli.datasets.shared.folders import local_folder
 from upvl_cli.datasets.shared.lookup import camera_of_name, of_frame
 from upvl_cli.datasets.shared.times import check_frames
 from upvl_cli.errors import BadInput
@@ -89,7 +90,7 @@ def open_drive(folder: Path, segment: str) -> Py123dDrive:
     Raises:
         BadInput: The log is damaged, or has no sweep.
     """
-    log, skipped = open_log(folder), Counter[str]()
+    log, skipped = open_log(local_folder(folder)), Counter[str]()
     lidars = sorted(log.keys(ModalityType.LIDAR), key=lambda key: (key != _MERGED, key))
     if not lidars:
         raise BadInput(f"{folder} has no LiDAR; expected {_MERGED}.arrow or another lidar.*.arrow in it")
@@ -112,7 +113,7 @@ def open_drive(folder: Path, segment: str) -> Py123dDrive:
         )
     cameras = _cameras(log, [frame.index for frame in frames], skipped)
     keys = ("sync", *lidars, *([ego] if has_ego else ()), *(f"camera.{camera.name}" for camera in cameras))
-    files = [log.path(key) for key in keys]
+    files = [folder / log.path(key).name for key in keys]
     files += [video for path in files if (video := path.with_suffix(".mp4")).is_file()]
     return Py123dDrive(
         segment,

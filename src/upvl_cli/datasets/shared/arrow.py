@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +14,7 @@ import pyarrow.compute
 import pyarrow.feather
 import pyarrow.parquet as pq
 
+from upvl_cli.datasets.shared.folders import open_parts
 from upvl_cli.errors import BadInput, one_line
 from upvl_cli.types import Array
 
@@ -45,7 +47,7 @@ def open_parquet(path: Path, buffer_bytes: int = 0) -> pq.ParquetFile:
     """
     with arrow_errors(path):
         return pq.ParquetFile(
-            path,
+            open_parts(path),
             thrift_string_size_limit=_MAX_FOOTER_BYTES,
             thrift_container_size_limit=_MAX_FOOTER_BYTES,
             pre_buffer=False,
@@ -73,7 +75,7 @@ def read_parquet(path: Path, columns: Sequence[str], optional: Sequence[str] = (
 
 def read_feather(path: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> pa.Table:
     """Return columns of a Feather file; see `read_parquet`."""
-    with arrow_errors(path), pa.OSFile(str(path)) as source:
+    with arrow_errors(path), pa.OSFile(os.fspath(path)) as source:
         reader = pa.ipc.open_file(source)
         names = reader.schema.names
         check_columns(names, columns, path)

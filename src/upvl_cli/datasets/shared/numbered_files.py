@@ -8,6 +8,7 @@ from collections.abc import Collection
 from pathlib import Path
 
 from upvl_cli.datasets.shared.content import unreadable
+from upvl_cli.datasets.shared.folders import entries
 from upvl_cli.errors import BadInput
 
 _NUMBER = re.compile(r"[0-9]{1,19}")
@@ -26,7 +27,7 @@ def numbered_files(folder: Path, suffixes: Collection[str]) -> dict[int, Path]:
         BadInput: The folder may not be listed, or two files have one number.
     """
     try:
-        names = sorted(os.listdir(folder))
+        names = [name for name, _ in entries(folder)]
     except (FileNotFoundError, NotADirectoryError):
         return {}
     except OSError as error:
@@ -47,7 +48,7 @@ def numbered_files(folder: Path, suffixes: Collection[str]) -> dict[int, Path]:
 def has_files(folder: Path) -> bool:
     """Return whether anything lies in a folder, hidden files apart; false where there is no such folder."""
     try:
-        return any(not name.startswith(".") for name in os.listdir(folder))
+        return any(not name.startswith(".") for name, _ in entries(folder))
     except (FileNotFoundError, NotADirectoryError):
         return False
     except OSError as error:
@@ -57,7 +58,7 @@ def has_files(folder: Path) -> bool:
 def describe_files(folder: Path) -> str:
     """Return what lies in a folder, for a message: `8 files like 000060.bin`, `no such folder`."""
     try:
-        names = sorted(name for name in os.listdir(folder) if not name.startswith("."))
+        names = [name for name, _ in entries(folder) if not name.startswith(".")]
     except FileNotFoundError:
         return f"no folder {folder}"
     except OSError as error:

@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from upvl_cli.datasets.shared.folders import open_parts
 from upvl_cli.datasets.shared.parquet_pages import ColumnChunk
 from upvl_cli.errors import BadInput, one_line
 from upvl_cli.types import Array, Ints
@@ -25,7 +26,7 @@ class _PagedColumn:
         self.path, self.name = path, name
         self._where = f"{path}, column {name}"
         try:
-            with pq.ParquetFile(path) as file:
+            with pq.ParquetFile(open_parts(path)) as file:
                 metadata, schema = file.metadata, file.schema
         except (pa.ArrowException, OSError, ValueError, MemoryError) as error:
             raise BadInput(

@@ -6,19 +6,19 @@ other encoding is decoded by pyarrow, from a Parquet file of that one page that 
 
 from __future__ import annotations
 
-import os
 import threading
 from bisect import bisect_right
 from collections import OrderedDict
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from upvl_cli.datasets.shared.content import unreadable
+from upvl_cli.datasets.shared.folders import read_at
 from upvl_cli.datasets.shared.parquet_encoding import LevelRuns, read_levels, single_column_file
 from upvl_cli.datasets.shared.thrift import Fields, ShortInput, read_struct, write_struct
 from upvl_cli.errors import BadInput, one_line
@@ -148,8 +148,8 @@ class ColumnChunk:
         entry = start
         with self._file() as file:
             while entry < stop:
-                number = self._page_number(file.fileno(), entry)
-                page, first = self._page(file.fileno(), number), self._first_entries[number]
+                number = self._page_number(file, entry)
+                page, first = self._page(file, number), self._first_entries[number]
                 begin, end = entry - first, min(stop - first, self._pages[number].entries)
                 rows = page.starts[
                     np.searchsorted(page.starts, begin) : np.searchsorted(page.starts, end, "right")
@@ -175,18 +175,18 @@ class ColumnChunk:
         with self._file() as file:
             entry = 0
             while entry < self.entries:
-                number = self._page_number(file.fileno(), entry)
-                starts.append(self._page(file.fileno(), number).starts + entry)
+                number = self._page_number(file, entry)
+                starts.append(self._page(file, number).starts + entry)
                 entry += self._pages[number].entries
         return np.concatenate([*starts, np.zeros(0, np.int64)])
 
-    def _file(self) -> Any:
+    def _file(self) -> IO[bytes]:
         try:
             return self._path.open("rb", buffering=0)
         except OSError as error:
             raise unreadable(self._path, error) from None
 
-    def _page_number(self, file: int, entry: int) -> int:
+    def _page_number(self, file: IO[bytes], entry: int) -> int:
         """Return the number of the page of an entry; reads headers up to it."""
         with self._lock:
             while self._first_entries[-1] <= entry:
@@ -195,7 +195,7 @@ class ColumnChunk:
                 self._read_header(file)
             return bisect_right(self._first_entries, entry) - 1
 
-    def _read_header(self, file: int) -> None:
+    def _read_header(self, file: IO[bytes]) -> None:
         fields, position = self._header_fields(file)
         kind, content_bytes, stored_bytes = (_number(fields, field) for field in (1, 2, 3))
         if not 0 <= stored_bytes <= self._end - position or not 0 <= content_bytes <= _MOST_PAGE_BYTES:
@@ -222,7 +222,7 @@ class ColumnChunk:
             self._pages.append(page)
             self._first_entries.append(self._first_entries[-1] + entries)
 
-    def _header_fields(self, file: int) -> tuple[Fields, int]:
+    def _header_fields(self, file: IO[bytes]) -> tuple[Fields, int]:
         for count in _HEADER_BYTES:
             content = self._bytes(file, self._next, min(count, self._end - self._next))
             try:
@@ -234,18 +234,13 @@ class ColumnChunk:
                 raise self._damage(f"at byte {self._next} {error}") from None
         raise self._damage(f"no page begins at byte {self._next}")
 
-    def _bytes(self, file: int, position: int, count: int) -> bytes:
-        content = bytearray()
-        while len(content) < count:
-            part = os.pread(file, count - len(content), position + len(content))
-            if not part:
-                raise self._damage(f"the file ends before byte {position + count}")
-            if len(part) == count:
-                return part
-            content += part
-        return bytes(content)
+    def _bytes(self, file: IO[bytes], position: int, count: int) -> bytes:
+        content = read_at(file, position, count)
+        if len(content) < count:
+            raise self._damage(f"the file ends before byte {position + count}")
+        return content
 
-    def _page(self, file: int, number: int) -> DecodedPage:
+    def _page(self, file: IO[bytes], number: int) -> DecodedPage:
         with self._lock:
             if number in self._decoded:
                 self._decoded.move_to_end(number)
@@ -258,7 +253,7 @@ class ColumnChunk:
                     self._decoded.popitem(last=False)
         return page
 
-    def _decode(self, file: int, page: PageHeader) -> DecodedPage:
+    def _decode(self, file: IO[bytes], page: PageHeader) -> DecodedPage:
         stored = self._bytes(file, page.position, page.stored_bytes)
         widths = (self._most_repetition.bit_length(), self._most_definition.bit_length())
         levels: list[LevelRuns | None] = []
@@ -299,7 +294,7 @@ class ColumnChunk:
             raise self._damage(f"a page has {len(found)} bytes, expected {length}")
         return found
 
-    def _values(self, file: int, page: PageHeader, content: memoryview, count: int) -> Any:
+    def _values(self, file: IO[bytes], page: PageHeader, content: memoryview, count: int) -> Any:
         plain = _PLAIN_TYPES.get(self._type)
         if page.encoding == _PLAIN and plain:
             if count * np.dtype(plain).itemsize > len(content):
@@ -325,7 +320,7 @@ class ColumnChunk:
             raise self._damage(f"a page has {len(column)} values, expected {count}")
         return column.to_numpy() if plain else column
 
-    def _dictionary_page(self, file: int) -> bytes:
+    def _dictionary_page(self, file: IO[bytes]) -> bytes:
         if self._dictionary is None:
             if self._dictionary_header is None:
                 raise self._damage("a page needs a dictionary, and the column has none")

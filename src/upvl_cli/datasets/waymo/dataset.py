@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
+from upvl_cli.datasets.shared.folders import absolute
 from upvl_cli.datasets.shared.paths import check_segment_name, find, unknown_segment
 from upvl_cli.datasets.waymo.components import ComponentSegment
 from upvl_cli.datasets.waymo.drive import WaymoDrive
@@ -39,7 +39,7 @@ class Waymo:
         Raises:
             BadInput: It holds no segment, or two of one name.
         """
-        self._root = Path(os.path.abspath(root))
+        self._root = absolute(root)
         self._paths = _segment_paths(self._root)
 
     @property

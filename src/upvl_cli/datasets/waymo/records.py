@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
+from upvl_cli.datasets.shared import folders
 from upvl_cli.datasets.shared.content import unreadable
 from upvl_cli.datasets.shared.thrift import read_varint
 from upvl_cli.datasets.waymo.wire import BYTES, FIXED32, FIXED64, VARINT
@@ -88,15 +89,9 @@ def open_file(path: Path) -> IO[bytes]:
 def read_at(file: IO[bytes], offset: int, length: int) -> bytes:
     """Return bytes of a file, fewer where it ends before; raises `BadInput` where it cannot be read."""
     try:
-        content = os.pread(file.fileno(), length, offset)
-        while 0 < len(content) < length:
-            more = os.pread(file.fileno(), length - len(content), offset + len(content))
-            if not more:
-                break
-            content += more
+        return folders.read_at(file, offset, length)
     except OSError as error:
         raise unreadable(Path(str(file.name)), error) from None
-    return content
 
 
 def read_records(path: Path) -> Iterator[Record]:
@@ -109,7 +104,7 @@ def read_records(path: Path) -> Iterator[Record]:
         BadInput: It is no TFRecord file, or cut off.
     """
     with open_file(path) as file:
-        size = os.fstat(file.fileno()).st_size
+        size = file.seek(0, os.SEEK_END)
         offset = number = 0
         while offset < size and number < _MAX_RECORDS:
             header = read_at(file, offset, _HEADER_BYTES)

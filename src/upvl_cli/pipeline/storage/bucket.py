@@ -19,7 +19,7 @@ _PART_BYTES = 8 * 2**20
 _STREAM_BYTES = 4 * 2**20
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class ObjectInfo:
     """What a store says of an object.
 
@@ -176,7 +176,10 @@ class Bucket:
         except FileNotFoundError:
             return [], {}
         folders = [str(path).rstrip("/").rpartition("/")[2] for path in found["common_prefixes"]]
-        objects = {str(item["path"]).rpartition("/")[2]: _info(item) for item in found["objects"]}
+        # An object whose key is the prefix itself marks the folder: consoles of stores write such.
+        objects = {
+            name: _info(item) for item in found["objects"] if (name := _name_below(prefix, str(item["path"])))
+        }
         return folders, objects
 
     def has_below(self, prefix: str) -> bool:
@@ -189,17 +192,30 @@ class Bucket:
         )
         return bool(found)
 
+    def objects_after(self, prefix: str, after: str) -> Iterator[tuple[str, ObjectInfo]]:
+        """Yield the objects below a prefix that come behind a key, in order, each by its key without the prefix.
+
+        Args:
+            prefix: Ends with a slash, or is empty.
+            after: The key, which is left out itself.
+        """
+        for batch in self.batches(prefix, after, rows=1000):
+            for item in batch.to_pylist():
+                if name := _name_below(prefix, str(item["path"])):
+                    yield name, _info(item)
+
     def keys(self, prefix: str) -> Iterator[str]:
         """Yield the keys of all objects below a prefix, in order."""
         for batch in self.batches(prefix):
-            yield from batch.column("path").to_pylist()
+            yield from (key for key in batch.column("path").to_pylist() if _name_below(prefix, key))
 
-    def batches(self, prefix: str, after: str | None = None) -> Iterator[pa.RecordBatch]:
+    def batches(self, prefix: str, after: str | None = None, rows: int = 5000) -> Iterator[pa.RecordBatch]:
         """Yield all objects below a prefix in order of their keys, a few thousand at a time.
 
         Args:
             prefix: Ends with a slash, or is empty.
             after: The key after which to begin; None begins with the first.
+            rows: How many objects at a time; a request brings a thousand at most.
 
         Yields:
             Columns `path`, `last_modified`, `size`, `e_tag`.
@@ -213,7 +229,7 @@ class Bucket:
             pages = iter(
                 attempt(
                     lambda begin=after: obstore.list(  # type: ignore[misc]
-                        store, prefix, offset=begin, chunk_size=5000, return_arrow=True
+                        store, prefix, offset=begin, chunk_size=rows, return_arrow=True
                     ),
                     self.address(prefix),
                     "listed",
@@ -237,6 +253,11 @@ class Bucket:
 def bucket_of(scheme: str, name: str) -> Bucket:
     """Return the bucket of a scheme and a name."""
     return Bucket(scheme, name)
+
+
+def _name_below(prefix: str, key: str) -> str:
+    """Return a key without a prefix; empty for the mark of the prefix itself, whose last slash the library drops."""
+    return key.removeprefix(prefix) if key.startswith(prefix) else ""
 
 
 def _info(found: Any) -> ObjectInfo:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
+import shutil
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -87,34 +88,72 @@ class FileCache:
             self._shrink(keep=path)
         return path
 
-    def _path(self, address: str, version: str) -> Path:
+    def folder(self, address: str, version: str, write: Callable[[Path], None]) -> Path:
+        """Return a folder of copies, which is made where it is not there yet and deleted as a whole.
+
+        Args:
+            address: Address of the folder.
+            version: Changes whenever the content does.
+            write: Writes the content into an empty folder.
+        """
+        path = self._path(address, version, "folders")
+        with contextlib.suppress(OSError):
+            os.utime(path)  # used last now
+            return path
+        with self.part("folder") as file:  # says whether the cache can be written
+            part = Path(f"{file.name}.d")
+            try:
+                part.mkdir(mode=0o700)
+                write(part)
+                path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+                with contextlib.suppress(OSError):  # another process was faster
+                    part.replace(path)
+            finally:
+                shutil.rmtree(part, ignore_errors=True)
+        self._shrink(keep=path)
+        return path
+
+    def _path(self, address: str, version: str, kind: str = "objects") -> Path:
         digest = hashlib.sha256(f"{address}\n{version}".encode()).hexdigest()[:32]
         # The name stays: libraries tell a format by it.
-        return self._folder / "objects" / digest[:2] / digest / Path(address).name
+        return self._folder / kind / digest[:2] / digest / Path(address).name
 
     def _shrink(self, keep: Path) -> None:
         """Delete what was used before all else until the rest fits."""
-        copies: list[tuple[float, int, str]] = []
         now = time.time()
-        for folder, _, names in os.walk(self._folder):
-            for name in names:
-                path = os.path.join(folder, name)
-                with contextlib.suppress(OSError):
-                    found = os.stat(path)
-                    if folder.endswith("parts"):
-                        if now - found.st_mtime > _ABANDONED_S:
-                            os.unlink(path)
-                        continue
-                    copies.append((found.st_mtime, found.st_size, path))
+        copies = [*self._copies(now), *self._folders()]
         total = sum(size for _, size, _ in copies)
         for used, size, path in sorted(copies):
             if total <= self._max_bytes or now - used < _GRACE_S:
                 return
             if path != str(keep):
                 with contextlib.suppress(OSError):
-                    os.unlink(path)
+                    if os.path.isdir(path):
+                        shutil.rmtree(path)
+                    else:
+                        os.unlink(path)
                     os.rmdir(os.path.dirname(path))
                 total -= size
+
+    def _copies(self, now: float) -> Iterator[tuple[float, int, str]]:
+        """Yield time of use, bytes and path of each copy, and delete parts that were left behind."""
+        for kind in ("parts", "objects"):
+            for folder, _, names in os.walk(self._folder / kind):
+                for name in names:
+                    path = os.path.join(folder, name)
+                    with contextlib.suppress(OSError):
+                        found = os.stat(path)
+                        if kind == "objects":
+                            yield found.st_mtime, found.st_size, path
+                        elif now - found.st_mtime > _ABANDONED_S:
+                            os.unlink(path)
+
+    def _folders(self) -> Iterator[tuple[float, int, str]]:
+        """Yield time of use, bytes and path of each folder of copies."""
+        for path in (self._folder / "folders").glob("*/*/*"):
+            with contextlib.suppress(OSError):
+                files = [file.stat() for file in path.rglob("*")]
+                yield path.stat().st_mtime, sum(file.st_size for file in files), str(path)
 
 
 @cache

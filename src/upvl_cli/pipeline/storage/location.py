@@ -22,7 +22,8 @@ def location(text: str | Path, *, of_drives: bool = False) -> Path:
     Raises:
         BadSetting: The address has an unknown scheme, holds credentials, or names no bucket or a strange folder.
     """
-    from upvl_cli.pipeline.storage.remote_path import DrivePath, RemotePath
+    from upvl_cli.pipeline.storage.drive_path import DrivePath
+    from upvl_cli.pipeline.storage.remote_path import RemotePath
 
     match = _SCHEME.fullmatch(str(text))
     if match is None:

@@ -9,7 +9,6 @@ import stat
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager, nullcontext
 from fnmatch import fnmatchcase
-from functools import lru_cache
 from pathlib import Path, PosixPath
 from typing import IO, Any, Self
 
@@ -20,7 +19,7 @@ from upvl_cli.pipeline.storage.lease import Lease
 from upvl_cli.pipeline.storage.ranged_file import RangedFile
 
 # Larger objects are read by ranges when they are opened; smaller ones are fetched whole, which is one request.
-_WHOLE_BYTES = 4 * 2**20
+WHOLE_BYTES = 4 * 2**20
 _BUFFER_BYTES = 256 * 2**10
 
 Children = tuple[list[str], dict[str, ObjectInfo]]
@@ -61,7 +60,7 @@ class RemotePath(PosixPath):
     @property
     def key(self) -> str:
         """The key of the object in its bucket."""
-        return "/".join(self.parts[2:])
+        return "/".join(self.resolve().parts[2:])
 
     @property
     def version(self) -> str:
@@ -110,8 +109,13 @@ class RemotePath(PosixPath):
         return self
 
     def resolve(self, strict: bool = False) -> Self:
-        """Return the path itself."""
-        return self
+        """Return the path without `..`; none leads out of the bucket."""
+        if ".." not in self.parts:
+            return self
+        kept: list[str] = []
+        for part in self.parts[2:]:
+            kept = kept[:-1] if part == ".." else [*kept, part]
+        return type(self)(*self.parts[:2], *kept)
 
     def expanduser(self) -> Self:
         """Return the path itself."""
@@ -144,7 +148,7 @@ class RemotePath(PosixPath):
         if mode not in ("r", "rb", "rt"):
             raise NotImplementedError(f"{self} is written whole, by runtime.atomic")
         if "b" in mode:
-            return self._opened()
+            return self._opened(buffering)
         encoding: Any = arguments[0] if arguments else names.get("encoding")
         return io.TextIOWrapper(self._opened(), encoding=encoding, errors=names.get("errors"))
 
@@ -217,43 +221,20 @@ class RemotePath(PosixPath):
     def _missing(self) -> FileNotFoundError:
         return FileNotFoundError(errno.ENOENT, "no such object", str(self))
 
-    def _opened(self) -> IO[bytes]:
+    def _opened(self, buffering: int = -1) -> IO[bytes]:
         info = self._info()
         held = file_cache().held(str(self), info.version)
-        if held is None and info.size > _WHOLE_BYTES:
-            return io.BufferedReader(RangedFile(self.bucket, self.key, info), _BUFFER_BYTES)
-        return open(held or self._fetched(info), "rb")
+        if held is None and info.size > WHOLE_BYTES:
+            file: Any = self._ranged(info)
+            return file if buffering == 0 else io.BufferedReader(file, _BUFFER_BYTES)
+        return open(held or self._fetched(info), "rb", buffering=buffering)
+
+    def _ranged(self, info: ObjectInfo) -> io.RawIOBase:
+        return RangedFile(self.bucket, self.key, info)
 
     def _fetched(self, info: ObjectInfo) -> Path:
         held = file_cache().held(str(self), info.version)
         return held or file_cache().add(str(self), lambda file: self.bucket.download(self.key, file).version)
-
-
-class DrivePath(RemotePath):
-    """A path below the folder of a dataset, whose drives do not change while a process runs: listed once.
-
-    A folder is listed by one request for a thousand names, where each file would cost one.
-    """
-
-    __slots__ = ()
-
-    def look(self) -> ObjectInfo | None:
-        """Return what the listing of its folder says of the object; None where there is none."""
-        return _listed(self.parent)[1].get(self.name) if len(self.parts) > 2 else None
-
-    def children(self) -> Children:
-        """Return the names of the folders and the objects directly below, as they were when first asked for."""
-        return _listed(self)
-
-    def is_dir(self, **_: Any) -> bool:
-        """Whether there is any object below."""
-        folders, objects = _listed(self)
-        return bool(folders or objects)
-
-
-@lru_cache(maxsize=4096)
-def _listed(path: RemotePath) -> Children:
-    return path.bucket.children(f"{path.key}/" if path.key else "")
 
 
 def is_remote(path: Path) -> bool:
