@@ -15,6 +15,7 @@ import pytest
 from object_store import SECRET, Server, s3_server
 from upvl_cli.pipeline import run_log
 from upvl_cli.pipeline.run_log import RunRecord, last_runs, log_run, read_runs
+from upvl_cli.pipeline.run_table import stage_runs
 from upvl_cli.pipeline.storage.location import location
 from upvl_cli.runtime.usage import UsageMeter
 
@@ -150,6 +151,34 @@ def test_a_part_that_cannot_be_put_is_one_warning(
     assert len(lines) == 1
     assert lines[0].startswith("upvl: warning: cannot write s3://nowhere-at-all/run/runs/")
     assert SECRET not in lines[0]
+
+
+@pytest.mark.parametrize("damage", ["", '{"stage": "flow", "segm', "null", '{"stage": "flow", "seconds": 1}', "[" * 100_000])
+def test_arrays_of_runs_hold_what_the_records_hold(tmp_path: Path, damage: str) -> None:
+    for number in range(30):
+        run = replace(RECORD, segment=f"s{number % 20}", seconds=float(number), end=float(number % 7))
+        log_run(tmp_path, replace(run, cpu_s=None, peak_mib=None) if number % 3 else run)
+    log_run(tmp_path, replace(RECORD, stage="pca", segment="all"))
+    with (tmp_path / "runs.jsonl").open("a") as file:
+        file.write(damage)
+    records = {key: run for key, run in last_runs(tmp_path).items() if key[0] == "flow"}
+    found = stage_runs(tmp_path)
+    assert set(found) == {"flow", "pca"}
+    assert (len(found["flow"].numbers), found["flow"].runs) == (20, 30)
+    assert sorted(found["flow"].column("seconds")) == sorted(run.seconds for run in records.values())
+    cpu_s = [run.seconds if run.cpu_s is None else run.cpu_s for run in records.values()]
+    assert found["flow"].cpu_s.sum() == pytest.approx(sum(cpu_s))
+    some = found["flow"].of_segments(["s3", "s11", "nowhere"])
+    assert sorted(some.column("seconds")) == sorted(records["flow", name].seconds for name in ("s3", "s11"))
+
+
+def test_arrays_of_runs_are_read_block_by_block(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run_log, "_BLOCK_BYTES", 700)  # a line has some 250
+    for number in range(30):
+        log_run(tmp_path, replace(RECORD, segment=f"s{number}"))
+    assert stage_runs(tmp_path)["flow"].runs == 30
+    assert [run.segment for run in read_runs(tmp_path)] == [f"s{number}" for number in range(30)]
+    assert stage_runs(tmp_path / "nowhere") == {}
 
 
 def test_a_meter_counts_processor_time_of_threads_and_children() -> None:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from upvl_cli.commands.cost_estimate import CostEstimate, Prices, StageEstimate
-from upvl_cli.commands.estimate_cost import cpu_s, size_bytes
-from upvl_cli.pipeline.run_log import RunRecord, last_runs, read_runs
+from upvl_cli.pipeline.run_table import StageRuns, stage_runs
+from upvl_cli.pipeline.stage import WHOLE_DATASET
 from upvl_cli.pipeline.workspace import Workspace
 
 _HOUR_S = 3600.0
+_ROUNDING_S = 1e-3  # two sums of the same times differ by rounding
 
 
 @dataclass(frozen=True)
@@ -60,57 +61,58 @@ def true_costs(workspace: Workspace, estimate: CostEstimate | None) -> TrueCosts
         workspace: The workspace of the shards.
         estimate: What was estimated before; None where nothing was.
     """
-    last = last_runs(workspace.out)
-    all_cpu_s = sum(map(cpu_s, read_runs(workspace.out)))
-    of_stage: dict[str, list[RunRecord]] = {stage.name: [] for stage in workspace.pipeline.stages}
-    for run in last.values():
-        if run.stage in of_stage:  # a stage of a newer version, or of none
-            of_stage[run.stage].append(run)
+    runs = stage_runs(workspace.out)
     expected = {} if estimate is None else {stage.stage: stage for stage in estimate.stages}
     stages = tuple(
-        _true_cost(workspace, name, runs, expected.get(name)) for name, runs in of_stage.items() if runs
+        _true_cost(workspace, stage.name, runs[stage.name], expected.get(stage.name))
+        for stage in workspace.pipeline.stages
+        if stage.name in runs
     )
-    compared = [stage for stage in stages if stage.estimated] or stages
     prices = Prices() if estimate is None else estimate.prices
-    total = _total(compared)
+    total = _total([stage for stage in stages if stage.estimated] or stages)
+    again_cpu_s = sum(found.all_cpu_s - float(found.cpu_s.sum()) for found in runs.values())
     return TrueCosts(
         stages=stages,
         total=total,
-        again_cpu_h=max(0.0, all_cpu_s - sum(map(cpu_s, last.values()))) / _HOUR_S,
+        again_cpu_h=again_cpu_s / _HOUR_S if again_cpu_s > _ROUNDING_S else 0.0,
         cost=prices.cost(total.cpu_h, total.gpu_h, total.size_bytes),
     )
 
 
-def _true_cost(
-    workspace: Workspace, stage: str, runs: list[RunRecord], expected: StageEstimate | None
-) -> TrueCost:
+def _true_cost(workspace: Workspace, stage: str, runs: StageRuns, expected: StageEstimate | None) -> TrueCost:
     share = 1.0
     if expected is not None and expected.frames:
-        share = sum(run.rows for run in runs) / expected.frames
+        share = float(runs.column("rows").sum()) / expected.frames
+    peaks_mib, gpu_s = runs.column("peak_mib"), runs.column("gpu_s")
     return TrueCost(
         stage=stage,
-        shards=len(runs),
-        cpu_h=sum(map(cpu_s, runs)) / _HOUR_S,
-        gpu_h=sum(run.gpu_s for run in runs) / _HOUR_S,
-        peak_mib=_largest(run.peak_mib for run in runs),
-        size_bytes=float(sum(size_bytes(workspace, run) for run in runs)),
+        shards=len(runs.numbers),
+        cpu_h=float(runs.cpu_s.sum()) / _HOUR_S,
+        gpu_h=float(gpu_s[gpu_s > 0].sum()) / _HOUR_S,
+        peak_mib=float(peaks_mib[peaks_mib > 0].max(initial=0.0)) or None,
+        size_bytes=_size_bytes(workspace, stage, runs),
         estimated=None if expected is None else expected.scaled(share),
     )
 
 
-def _total(stages: Iterable[TrueCost]) -> TrueCost:
-    stages = list(stages)
+def _size_bytes(workspace: Workspace, stage: str, runs: StageRuns) -> float:
+    """Return the size of the shards of a stage; that of the files where an older log does not hold it."""
+    sizes = runs.column("size_bytes")
+    if (sizes >= 0).all():
+        return float(sizes.sum())
+    paths = [workspace.shard(stage, name) for name in (WHOLE_DATASET, *workspace.segments)]
+    return float(sum(path.stat().st_size for path in paths if path.exists()))
+
+
+def _total(stages: Sequence[TrueCost]) -> TrueCost:
     estimated = [stage.estimated for stage in stages if stage.estimated]
+    peaks_mib = [stage.peak_mib for stage in stages if stage.peak_mib is not None]
     return TrueCost(
         stage="all",
         shards=sum(stage.shards for stage in stages),
         cpu_h=sum(stage.cpu_h for stage in stages),
         gpu_h=sum(stage.gpu_h for stage in stages),
-        peak_mib=_largest(stage.peak_mib for stage in stages),
+        peak_mib=max(peaks_mib, default=None),
         size_bytes=sum(stage.size_bytes for stage in stages),
         estimated=StageEstimate.sum("all", estimated) if estimated else None,
     )
-
-
-def _largest(peaks: Iterable[float | None]) -> float | None:
-    return max((peak for peak in peaks if peak is not None), default=None)

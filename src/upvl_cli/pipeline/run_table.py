@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
-import io
+import re
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.json as pj
 
 from upvl_cli.pipeline.catalog.hashing import Hashes, text_hashes
-from upvl_cli.pipeline.run_log import RunRecord, records_of, run_blocks
+from upvl_cli.pipeline.run_log import records_of, run_blocks
 from upvl_cli.types import Floats
 
 NUMBERS = ("rows", "seconds", "cpu_s", "gpu_s", "peak_mib", "size_bytes", "end")
 _TEXTS = ("stage", "segment")
 _SCHEMA = pa.schema([*((name, pa.string()) for name in _TEXTS), *((name, pa.float64()) for name in NUMBERS)])
+# The lines that `log_run` writes, when no name needs an escape.
+_NUMBER = r"([\d.e+-]+)"
+_LINE = re.compile(
+    (
+        r'^\{"stage": "([^"\\]*)", "segment": "([^"\\]*)", "rows": (\d+), '
+        rf'"seconds": {_NUMBER}(?:, "cpu_s": {_NUMBER})?, "gpu_s": {_NUMBER}(?:, "peak_mib": {_NUMBER})?'
+        rf'(?:, "size_bytes": (\d+))?, "read_bytes": \d+, "host": "[^"\\]*", "end": {_NUMBER}, '
+        r'"settings": "[^"\\]*"\}$'
+    ).encode(),
+    re.MULTILINE,
+)
 
 
 @dataclass(frozen=True)
@@ -90,21 +100,22 @@ def _cpu_s(numbers: Floats) -> Floats:
 
 
 def _table_of(block: bytes) -> pa.Table:
-    """Return some lines as a table, by Arrow's reader; one by one where it finds a line that is no record."""
+    """Return some lines as a table: at once where all have the usual form, else one by one.
+
+    Arrow's own reader of JSON is not used: lines that a kill cut short, or that somebody made, end the process.
+    """
+    found = _LINE.findall(block)
     try:
-        table = pj.read_json(
-            io.BytesIO(block),
-            read_options=pj.ReadOptions(block_size=2**22),
-            parse_options=pj.ParseOptions(explicit_schema=_SCHEMA, unexpected_field_behavior="ignore"),
-        )
-        if not any(table[name].null_count for name in (*_TEXTS, "seconds")):
-            return table.select(_SCHEMA.names)
+        if len(found) == sum(1 for line in block.split(b"\n") if line.strip()):
+            texts = [
+                pa.array([line[place] for line in found], pa.binary()).cast(pa.string()) for place in (0, 1)
+            ]
+            numbers = [
+                np.array([line[place] or b"nan" for line in found], "S").astype(float)
+                for place in range(2, 9)
+            ]
+            return pa.table([*texts, *numbers], schema=_SCHEMA)
     except (pa.ArrowException, ValueError):
-        pass  # a line that a kill cut short
-    columns = list(zip(*_values(records_of(block)), strict=True))
-    return pa.table(columns, schema=_SCHEMA) if columns else _SCHEMA.empty_table()
-
-
-def _values(records: Iterator[RunRecord]) -> Iterator[tuple[object, ...]]:
-    for record in records:
-        yield tuple(getattr(record, name) for name in _SCHEMA.names)
+        pass  # a name that is no text, or a number that is none
+    rows = [{name: getattr(record, name) for name in _SCHEMA.names} for record in records_of(block)]
+    return pa.Table.from_pylist(rows, schema=_SCHEMA)
