@@ -87,21 +87,25 @@ class Run:
         victims = [victims[number % len(victims)] for number in range(self.given.kills)]
         killed: Counter[str] = Counter()
         next_s = time.monotonic() + self.given.warm_s
-        while waiting or running:
-            while waiting and len(running) < 2:
-                words = waiting.pop(0)
-                running[self.start(words)] = words
-            for process in [process for process in running if process.poll() is not None]:
-                words = running.pop(process)
-                if process.returncode == -9:
-                    waiting.insert(0, words)
-                elif process.returncode:
-                    log = (self.folder / "driver.log").read_text()[-2000:]
-                    raise SystemExit(f"{words}: exit code {process.returncode}: {log}")
-            if victims and time.monotonic() > next_s and running and self.kill(victims[0], list(running)):
-                killed[victims.pop(0)] += 1
-                next_s = time.monotonic() + self.random.uniform(*self.given.pause)
-            time.sleep(0.1)
+        try:
+            while waiting or running:
+                while waiting and len(running) < 2:
+                    words = waiting.pop(0)
+                    running[self.start(words)] = words
+                for process in [process for process in running if process.poll() is not None]:
+                    words = running.pop(process)
+                    if process.returncode == -9:
+                        waiting.insert(0, words)
+                    elif process.returncode:
+                        log = (self.folder / "driver.log").read_text()[-2000:]
+                        raise SystemExit(f"{words}: exit code {process.returncode}: {log}")
+                if victims and time.monotonic() > next_s and running and self.kill(victims[0], list(running)):
+                    killed[victims.pop(0)] += 1
+                    next_s = time.monotonic() + self.random.uniform(*self.given.pause)
+                time.sleep(0.1)
+        finally:
+            for process in running:
+                process.terminate()
         return killed
 
     def kill(self, victim: str, drivers: list[subprocess.Popen[str]]) -> bool:
