@@ -211,9 +211,14 @@ def simulated(folder: Path, drives: int) -> None:
     with server(*arguments) as environment:
         environment |= {"PYTHONPATH": os.pathsep.join([str(folder), str(Path(__file__).parent)])}
         environment |= {"UPVL_CACHE": str(folder / "cache")}
-        for command in (("status",), ("plan", "--next", "1000")):
+        for command in (
+            ("status", "--from-catalog"),
+            ("plan", "--next", "1000", "--from-catalog"),
+            ("status",),
+            ("plan", "--next", "1000"),
+        ):
             measured = measure(folder, "--out", "s3://bucket/out", *command, environment=environment)
-            print(*measured.output.splitlines()[:24], sep="\n")
+            print(*measured.output.splitlines()[:22], sep="\n")
             show(" ".join(command), measured, requests_of(environment))
 
 

@@ -26,6 +26,15 @@ from upvl_cli.stages import STAGES
 MOVING_ONLY = "moving-only"  # the preset of those labels
 WITHOUT_WORDS = "without-words"  # the preset of labels by LiDAR alone
 
+FromCatalog = Annotated[
+    bool,
+    typer.Option(
+        "--from-catalog",
+        help="List no folder: the catalogue is taken for true, and shards that were made or deleted since it was "
+        "written are not seen. Making a shard looks at the shard itself.",
+    ),
+]
+
 
 @app.command()
 def autolabel(
@@ -103,6 +112,7 @@ def status(
             "--cost", help="Print what the shards took, beside the figures of upvl plan --estimate."
         ),
     ] = False,
+    from_catalog: FromCatalog = False,
 ) -> None:
     """Tell which shards are fresh, stale or missing; or, with --cost, what they took."""
     if cost:
@@ -114,9 +124,10 @@ def status(
 
     from upvl_cli.cli.progress import Counter, status_table
     from upvl_cli.commands.status import status as statuses
+    from upvl_cli.pipeline.catalog.catalog import Reading
 
     with Counter("reading footers of shards") as footers:
-        found = statuses(context.obj, footers.tick)
+        found = statuses(context.obj, Reading(tick=footers.tick, lists=not from_catalog))
     Console().print(status_table(found))
 
 
@@ -133,6 +144,7 @@ def plan(
             "are fresh, so that they can be made in any order; no rules are written.",
         ),
     ] = None,
+    from_catalog: FromCatalog = False,
     estimate: Estimate = False,
     drives: Drives = None,
     sample: SampleSize = 2,
@@ -152,6 +164,8 @@ def plan(
     of_estimate = (drives, sample, workers, price_cpu_hour, price_gpu_hour, price_tb_month)
     if of_estimate != (None, 2, 1, None, None, None):
         raise BadSetting("the options of plan need --estimate: upvl plan --estimate")
+    if next_ is None and from_catalog:
+        raise BadSetting("--from-catalog is for the tasks of --next: upvl plan --next 1000 --from-catalog")
     if next_ is None:
         from upvl_cli.pipeline.make_rules import write_rules
 
@@ -163,7 +177,9 @@ def plan(
 
     workspace: Workspace = context.obj
     with Counter("reading footers of shards") as footers:
-        tasks = next_tasks(workspace, workspace.pipeline.stages, next_, Reading(tick=footers.tick))
+        tasks = next_tasks(
+            workspace, workspace.pipeline.stages, next_, Reading(tick=footers.tick, lists=not from_catalog)
+        )
     for stage, segment in tasks:
         print(f"{stage}\t{segment}")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from upvl_cli.errors import BadInput
@@ -40,14 +39,14 @@ class StageStatus:
     reason: str
 
 
-def status(workspace: Workspace, tick: Callable[[], None] = lambda: None) -> list[StageStatus]:
+def status(workspace: Workspace, reading: Reading | None = None) -> list[StageStatus]:
     """Return the status of each stage, in order; a shard made from one that is not fresh is stale.
 
     Args:
         workspace: The workspace of the shards.
-        tick: Called after each footer that had to be read because the catalogue does not know it.
+        reading: What to do about shards that the catalogue does not know.
     """
-    found = Freshness(workspace, reading=Reading(tick=tick))
+    found = Freshness(workspace, reading=reading)
     names = [WHOLE_DATASET, *workspace.segments]
     runs = {stage: all_runs.of_segments(names) for stage, all_runs in stage_runs(workspace.out).items()}
     seconds = {stage: float(last.column("seconds").sum()) for stage, last in runs.items()}

@@ -178,6 +178,22 @@ def test_fresh_shards_are_not_opened_again(folder: Path) -> None:
     assert len(opened) == 1 + 3 * DRIVES
 
 
+def test_the_catalogue_alone_says_what_it_was_when_it_was_written(folder: Path) -> None:
+    before = by_arrays(workspace_of(folder))
+    shard(folder).unlink()
+    assert by_arrays(workspace_of(folder), lists=False) == before
+    after = by_arrays(workspace_of(folder))
+    assert after["scale", "d1"] == "missing"
+    assert by_arrays(workspace_of(folder), lists=False) == after, "written anew, as a shard is gone"
+    replace_value(folder, "double", "# nothing\n")
+    replace_value(folder, "scale", 'factor = 2.5\nwords = ""\n')
+    assert by_arrays(workspace_of(folder), lists=False) == one_by_one(workspace_of(folder)), "settings count"
+    shutil.rmtree(folder / "out" / "catalog")
+    assert by_arrays(workspace_of(folder), lists=False) == one_by_one(workspace_of(folder)), (
+        "without one it lists"
+    )
+
+
 def test_few_new_shards_are_not_written_down(folder: Path) -> None:
     shutil.rmtree(folder / "out" / "catalog")
     by_arrays(workspace_of(folder), least_new=DRIVES + 1)

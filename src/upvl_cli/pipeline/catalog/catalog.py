@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -40,43 +40,69 @@ class Reading:
             entries; empty for the file of all.
         least_new: The catalogue is written once that many footers had to be read.
         tick: Called after each footer.
+        lists: Whether folders are listed. If not, the catalogue is taken for true where there is one: what was made
+            or deleted since it was written is not seen.
     """
 
     part: str = ""
     least_new: int = LEAST_NEW
     tick: Callable[[], None] = lambda: None
+    lists: bool = True
 
 
-def stage_entries(out: Path, stage: str, segments: pa.Array, reading: Reading) -> Entries:
+class Segments:
+    """The names of all segments, and where names of a stage stand among them."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        """Take the names in the order that all arrays have."""
+        self.names = pa.array(names, pa.string())
+        self._last: tuple[pa.Array, Places] | None = None  # most stages have the shards of the same drives
+
+    def places(self, names: pa.Array) -> Places:
+        """Return the place of each of m names; -1 for those that are none of the segments."""
+        if self._last is None or not self._last[0].equals(names):
+            self._last = names, _places(names, self.names)
+        return self._last[1]
+
+
+def stage_entries(out: Path, stage: str, segments: Segments, reading: Reading) -> Entries:
     """Return the (n,) entries of the shards of n segments; rows are `NOT_LISTED` where there is no shard.
 
     Args:
         out: Folder of the results.
         stage: Name of the stage.
-        segments: Names of the segments.
+        segments: The segments.
         reading: What to do about shards that the catalogue does not know.
     """
-    folder = out / stage
-    listing = list_shards(folder, segments)
-    place = _places(listing.segment, segments)
-    entries = np.zeros(len(listing.segment), dtype=ENTRY)
     parts = _parts(out, stage)
-    for path in parts:
-        _take(path, listing, entries)
-    entries["size_bytes"] = listing.size_bytes
-    unknown = np.flatnonzero((place >= 0) & (entries["version"] == 0))
-    for start in range(0, len(unknown), _BATCH):
-        _open(folder, listing, unknown[start : start + _BATCH], entries, reading.tick)
-    if len(unknown) >= reading.least_new:
-        saved = entries if not reading.part else _only(entries, unknown)
-        if _save(out, stage, listing, saved, reading.part) and not reading.part:
-            for merged in parts[1:]:
-                with contextlib.suppress(OSError):
-                    merged.unlink()
-    found = np.zeros(len(segments), dtype=ENTRY)
+    found = np.zeros(len(segments.names), dtype=ENTRY)
     found["rows"] = NOT_LISTED
-    found[place[place >= 0]] = entries[place >= 0]
+    tables = [] if reading.lists else [table for table in map(_read, parts) if table is not None]
+    for names, entries in tables or [_listed(out, stage, segments, reading, parts)]:
+        place = segments.places(names)
+        found[place[place >= 0]] = entries[place >= 0]
     return found
+
+
+def _listed(
+    out: Path, stage: str, segments: Segments, reading: Reading, parts: Sequence[Path]
+) -> tuple[pa.Array, Entries]:
+    """Return the names of all shards of a stage and their entries; the catalogue is written where much is new."""
+    listing = list_shards(out / stage, segments.names)
+    entries = np.zeros(len(listing.segment), dtype=ENTRY)
+    outdated = sum(_take(path, listing, entries) for path in parts)
+    entries["size_bytes"] = listing.size_bytes
+    unknown = np.flatnonzero((segments.places(listing.segment) >= 0) & (entries["version"] == 0))
+    for start in range(0, len(unknown), _BATCH):
+        _open(out / stage, listing, unknown[start : start + _BATCH], entries, reading.tick)
+    if reading.part:
+        if len(unknown) >= reading.least_new:
+            _save(out, stage, listing, _only(entries, unknown), reading.part)
+    elif len(unknown) + outdated >= reading.least_new and _save(out, stage, listing, entries, ""):
+        for merged in parts[1:]:
+            with contextlib.suppress(OSError):
+                merged.unlink()
+    return listing.segment, entries
 
 
 def _places(names: pa.Array, among: pa.Array) -> Places:
@@ -95,18 +121,29 @@ def _parts(out: Path, stage: str) -> list[Path]:
     return [whole]
 
 
-def _take(path: Path, listing: Listing, entries: Entries) -> None:
-    """Fill in the entries of a file that hold for the shards of the listing; none where the file is damaged."""
-    with contextlib.suppress(OSError, pa.ArrowException, KeyError, ValueError):
+def _read(path: Path) -> tuple[pa.Array, Entries] | None:
+    """Return the names and entries of a file of the catalogue; None where there is none, or it is damaged."""
+    with contextlib.suppress(OSError, pa.ArrowException, KeyError, ValueError, TypeError):
         # Opened by Arrow, and not as a data set: a path of an object is fetched whole by its name.
         table = pq.ParquetFile(os.fspath(path), page_checksum_verification=True).read()
         known = np.zeros(table.num_rows, dtype=ENTRY)
         for name in ENTRY.names or ():
             known[name] = table[name].to_numpy()
-        place = _places(table[_SEGMENT].combine_chunks(), listing.segment)
-        holds: Bools = place >= 0
-        holds[holds] = listing.version[place[holds]] == known["version"][holds]
-        entries[place[holds]] = known[holds]
+        return table[_SEGMENT].cast(pa.string()).combine_chunks(), known
+    return None
+
+
+def _take(path: Path, listing: Listing, entries: Entries) -> int:
+    """Fill in the entries of a file that hold for the shards of the listing; return how many do not."""
+    found = _read(path)
+    if found is None:
+        return 0
+    names, known = found
+    place = _places(names, listing.segment)
+    holds: Bools = place >= 0
+    holds[holds] = listing.version[place[holds]] == known["version"][holds]
+    entries[place[holds]] = known[holds]
+    return len(holds) - int(holds.sum())
 
 
 def _open(folder: Path, listing: Listing, places: Places, entries: Entries, tick: Callable[[], None]) -> None:

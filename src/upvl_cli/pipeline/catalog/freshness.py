@@ -7,10 +7,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-import pyarrow as pa
 
 from upvl_cli.config.base import Config
-from upvl_cli.pipeline.catalog.catalog import Reading, stage_entries
+from upvl_cli.pipeline.catalog.catalog import Reading, Segments, stage_entries
 from upvl_cli.pipeline.catalog.entries import DAMAGED, settings_text, stamp_parts
 from upvl_cli.pipeline.catalog.hashing import Bools, Hashes, combine, digest_prefix, text_hash
 from upvl_cli.pipeline.catalog.raw_digests import raw_digests, settings_files_digests
@@ -129,8 +128,8 @@ class Freshness:
         return {name: place for place, name in enumerate(self.segments)}
 
     @cached_property
-    def _names(self) -> pa.Array:
-        return pa.array(self.segments, pa.string())
+    def _names(self) -> Segments:
+        return Segments(self.segments)
 
     def _values(self, stage: AnyStage) -> Config:
         values: Config = self._settings.get(stage.name) or self._workspace.settings(stage)

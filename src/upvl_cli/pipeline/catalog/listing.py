@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from upvl_cli.errors import UpvlError, one_line
 from upvl_cli.pipeline.catalog.hashing import Hashes, combine, text_hashes
@@ -86,11 +85,9 @@ def _list_local(folder: Path) -> Listing:
 
 
 def _list_remote(folder: RemotePath, segments: pa.Array) -> Listing:
-    parts = min(_MOST_PARTS, len(segments) // _PART_NAMES)
-    splits: list[str] = []
-    if parts > 1:
-        keys = pc.binary_join_element_wise(segments, _SUFFIX, "").sort()
-        splits = [keys[len(keys) * part // parts].as_py() for part in range(1, parts)]
+    parts = max(min(_MOST_PARTS, len(segments) // _PART_NAMES), 1)
+    names = [segments[len(segments) * part // parts].as_py() for part in range(1, parts)]
+    splits = sorted({f"{name}{_SUFFIX}" for name in names})
     found = list_objects(folder, _SUFFIX, splits)
     names, tags = (found[column].combine_chunks() for column in ("name", "e_tag"))
     size_bytes = found["size"].to_numpy()
