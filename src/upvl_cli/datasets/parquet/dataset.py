@@ -34,9 +34,10 @@ class ParquetDrives:
                 f"{root} has no drive; expected points/<segment>.parquet in it, found {describe_files(root)}"
             )
         self.segments = tuple(sorted(check_segment_name(path.stem, path) for path in paths))
+        self._names = frozenset(self.segments)
 
     def open(self, segment: str) -> ParquetDrive:
         """Return the drive of that name; raises `BadInput` where there is none or it is damaged."""
-        if segment not in self.segments:
+        if segment not in self._names:
             raise unknown_segment(self._root, segment, self.segments)
         return open_drive(self._root, segment)
