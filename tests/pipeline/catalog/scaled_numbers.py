@@ -1,4 +1,4 @@
-"""A pipeline of four small stages over drives with files: what the tests of the catalogue damage."""
+"""A pipeline of five small stages over drives with files: what the tests of the catalogue damage."""
 
 from __future__ import annotations
 
@@ -101,6 +101,12 @@ def total(inputs: Inputs, config: SomeDrives) -> Iterator[NumberRow]:
     yield NumberRow(inputs.segment, 0, np.array([sum(numbers)]))
 
 
+def greatest(inputs: Inputs, config: SomeDrives) -> Iterator[NumberRow]:
+    """Find the greatest number of all drives themselves."""
+    numbers = [float(path.read_text()) for drive in inputs.drives() for path in drive.files]
+    yield NumberRow(inputs.segment, 0, np.array([max(numbers, default=0.0)]))
+
+
 def share(inputs: Inputs, config: NoValues) -> Iterator[NumberRow]:
     """Divide each number by that of all."""
     (row_of_all,) = inputs.table("total", NumberRow)
@@ -112,7 +118,8 @@ STAGES: tuple[AnyStage, ...] = (
     Stage("scale", scale, FactorConfig, NumberRow, reads=("raw",)),
     Stage("double", double, NoValues, NumberRow, reads=("scale",)),
     Stage("total", total, SomeDrives, NumberRow, reads=("raw", "scale"), scope="dataset"),
-    Stage("share", share, NoValues, NumberRow, reads=("raw", "double", "total")),
+    Stage("greatest", greatest, SomeDrives, NumberRow, reads=("raw",), scope="dataset"),
+    Stage("share", share, NoValues, NumberRow, reads=("raw", "double", "total", "greatest")),
 )
 
 
@@ -135,6 +142,7 @@ def make(folder: Path, drives: int) -> Workspace:
     (stages / "scale.toml").write_text('factor = 2.0\nwords = ""\n')
     (stages / "double.toml").write_text("")
     (stages / "total.toml").write_text('drives = ["*"]\n')
+    (stages / "greatest.toml").write_text('drives = ["d[0-2]"]\n')
     (stages / "share.toml").write_text("")
     return workspace_of(folder)
 

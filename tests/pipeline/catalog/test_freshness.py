@@ -161,6 +161,16 @@ def test_any_sequence_of_damage(folder: Path, seed: int) -> None:
         assert by_arrays(workspace_of(folder, preset, version)) == expected, done
 
 
+def test_a_file_that_the_settings_name_counts_for_its_drive(folder: Path) -> None:
+    with_words(folder)
+    run(workspace_of(folder))
+    assert set(by_arrays(workspace_of(folder)).values()) == {"fresh"}
+    (folder / "words" / "d2.txt").write_text("other words")
+    found = by_arrays(workspace_of(folder))
+    assert found == one_by_one(workspace_of(folder))
+    assert (found["scale", "d2"], found["scale", "d1"]) == ("stale", "fresh")
+
+
 def test_a_folder_in_place_of_a_shard_is_a_missing_one(folder: Path) -> None:
     replaced_by_a_folder(shard(folder))
     assert by_arrays(workspace_of(folder)) == one_by_one(workspace_of(folder))
