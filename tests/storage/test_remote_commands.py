@@ -45,7 +45,7 @@ def test_commands_read_the_drives(store: str, server: Server, tmp_path: Path) ->
         done = upvl(folder, "odometry", **environment)
         assert done.returncode == 0, done.stderr
     shards = [pq.read_table(folder / f"out/odometry/{DRIVE}.parquet") for folder in (remote, local)]
-    assert shards[0].equals(shards[1])
+    assert repr(shards[0].to_pylist()) == repr(shards[1].to_pylist())
 
 
 def test_stamps_differ_by_the_content_digest_alone(store: str, tmp_path: Path) -> None:
