@@ -16,6 +16,7 @@ from scaled_numbers import add_drive, make, workspace_of, write_raw
 
 from upvl_cli.errors import UpvlError
 from upvl_cli.pipeline.catalog.catalog import Reading
+from upvl_cli.pipeline.catalog.entries import stamp_parts
 from upvl_cli.pipeline.catalog.tasks import fresh_segments, next_tasks
 from upvl_cli.pipeline.runner import make_shard, state
 
@@ -279,6 +280,14 @@ def test_the_next_tasks_are_of_the_stages_that_are_asked_for(folder: Path) -> No
     assert next_tasks(workspace, [by_name["double"]], 10) == [("double", "d3")]
     assert next_tasks(workspace, workspace.pipeline.stages, 1) == [("scale", "d1")]
     assert fresh_segments(workspace, [by_name["double"]], ["d0", "d1", "d3"]) == {"d0"}
+
+
+def test_a_stamp_in_another_text_equals_none() -> None:
+    text = '{"inputs": {}, "raw": {"content": "x"}}'
+    assert stamp_parts(text).raw == "x"
+    for other in (text.replace(": ", ":"), '{"inputs": {}}', "[]", "1", '{"inputs": 1, "raw": 2}'):
+        with pytest.raises(ValueError, match="stamp|text"):
+            stamp_parts(other)
 
 
 def test_values_of_a_run_count(folder: Path) -> None:

@@ -115,10 +115,10 @@ def _places(names: pa.Array, among: pa.Array) -> Places:
 
 def _parts(out: Path, stage: str) -> list[Path]:
     """Return the files of the catalogue of a stage, that of all first."""
-    whole = out / FOLDER / f"{stage}.parquet"
+    of_all = out / FOLDER / f"{stage}.parquet"
     with contextlib.suppress(OSError):
-        return [whole, *sorted((out / FOLDER / stage).glob("*.parquet"))]
-    return [whole]
+        return [of_all, *sorted((out / FOLDER / stage).glob("*.parquet"))]
+    return [of_all]
 
 
 def _read(path: Path) -> tuple[pa.Array, Entries] | None:
