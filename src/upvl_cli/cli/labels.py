@@ -144,7 +144,6 @@ def plan(
             "are fresh, so that they can be made in any order; no rules are written.",
         ),
     ] = None,
-    from_catalog: FromCatalog = False,
     estimate: Estimate = False,
     drives: Drives = None,
     sample: SampleSize = 2,
