@@ -76,7 +76,7 @@ def is_whole(vectors: Path, stamp: Stamp) -> bool:
     """Return whether a file of vectors has the content that its stamp says; all of it is read."""
     with suppress(OSError):
         digest = hashlib.sha256()
-        with open(os.fspath(vectors), "rb") as file:
+        with vectors.open("rb") as file:
             while part := file.read(_PART):
                 digest.update(part)
         return digest.hexdigest() == stamp.content
@@ -146,7 +146,7 @@ class VectorFile:
         with suppress(OSError, RuntimeError):
             local = os.fspath(path)
             head = stamp.size - stamp.vectors * ENTRY_BYTES
-            with open(local, "rb") as file:
+            with Path(local).open("rb") as file:
                 same = os.fstat(file.fileno()).st_size == stamp.size and head > 0
                 if not same or hashlib.sha256(file.read(head)).hexdigest() != stamp.head:
                     return None
