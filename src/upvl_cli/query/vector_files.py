@@ -63,7 +63,8 @@ def stamp_path(vectors: Path) -> Path:
 def read_stamp(vectors: Path) -> Stamp | None:
     """Return the stamp of a file of vectors; None where there is none of this version."""
     with suppress(OSError, ValueError, TypeError, KeyError, RecursionError):
-        values = json.loads(stamp_path(vectors).read_text())
+        with stamp_path(vectors).open("rb") as file:
+            values = json.load(file)
         drives = tuple((str(name), str(digest), int(boxes)) for name, digest, boxes in values["drives"])
         stamp = Stamp(**{**values, "drives": drives})
         numbers = (stamp.version, stamp.vectors, stamp.size, *(boxes for _, _, boxes in drives))
