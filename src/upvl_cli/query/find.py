@@ -198,14 +198,16 @@ def _considered(
         counts["boxes"] += len(objects)
         # A box whose points no camera sees in this frame may be of a track that others show well.
         has_features = (objects.num_features > 0) | (_uses_looks(config) & (objects.num_looks > 0))
-        featured += int(has_features.sum())
+        featured += int(np.count_nonzero(has_features))
         if not filters.includes(segment):
             counts["other drives"] += len(objects)
             continue
         passes = filters.mask(objects, config.moving_mps)
-        counts["filtered out"] += int((~passes).sum())
-        counts["without points"] += int((passes & ~has_features).sum())
-        candidates.append(Candidates(segment, objects, np.flatnonzero(passes & has_features)))
+        rows = np.flatnonzero(passes & has_features)
+        passing = int(np.count_nonzero(passes))
+        counts["filtered out"] += len(objects) - passing
+        counts["without points"] += passing - len(rows)
+        candidates.append(Candidates(segment, objects, rows))
     if counts["boxes"] and not featured:
         raise BadInput(
             f"none of the {store.source} has a feature, for no picture was used; where they are of moving objects "

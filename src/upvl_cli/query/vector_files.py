@@ -63,7 +63,8 @@ def stamp_path(vectors: Path) -> Path:
 def read_stamp(vectors: Path) -> Stamp | None:
     """Return the stamp of a file of vectors; None where there is none of this version."""
     with suppress(OSError, ValueError, TypeError, KeyError, RecursionError):
-        values = json.loads(stamp_path(vectors).read_text())
+        with stamp_path(vectors).open("rb") as file:
+            values = json.load(file)
         drives = tuple((str(name), str(digest), int(boxes)) for name, digest, boxes in values["drives"])
         stamp = Stamp(**{**values, "drives": drives})
         numbers = (stamp.version, stamp.vectors, stamp.size, *(boxes for _, _, boxes in drives))
@@ -76,7 +77,7 @@ def is_whole(vectors: Path, stamp: Stamp) -> bool:
     """Return whether a file of vectors has the content that its stamp says; all of it is read."""
     with suppress(OSError):
         digest = hashlib.sha256()
-        with open(os.fspath(vectors), "rb") as file:
+        with vectors.open("rb") as file:
             while part := file.read(_PART):
                 digest.update(part)
         return digest.hexdigest() == stamp.content
@@ -146,7 +147,7 @@ class VectorFile:
         with suppress(OSError, RuntimeError):
             local = os.fspath(path)
             head = stamp.size - stamp.vectors * ENTRY_BYTES
-            with open(local, "rb") as file:
+            with Path(local).open("rb") as file:
                 same = os.fstat(file.fileno()).st_size == stamp.size and head > 0
                 if not same or hashlib.sha256(file.read(head)).hexdigest() != stamp.head:
                     return None

@@ -21,8 +21,8 @@ from upvl_cli.query.vocabulary import Vocabulary
 from upvl_cli.runtime.parallel import in_order
 from upvl_cli.types import Array, Bools, Floats, Ints
 
-# Of the vectors of a fleet: a tenth of the first million, and a thirtieth of the others (bench/index.py).
-_FEW_VECTORS, _FEW_SHARE, _MANY_SHARE = 1_000_000, 0.1, 1 / 30
+# Of the vectors of a fleet: a sixth of the first ten million, and a thirtieth of the others (bench/index.py).
+_FEW_VECTORS, _FEW_SHARE, _MANY_SHARE = 10_000_000, 1 / 6, 1 / 30
 # Standard deviations of the scores in a list by which its best vector exceeds its centre.
 _SIGMAS = 3.0
 _TRACKS_PER_CANDIDATE = 4  # that are ranked exactly, as eight bits a component err
@@ -259,7 +259,7 @@ class _Search:
             track[here] = chosen.objects.track_id[row[here]]
             # Looks whose own box is no candidate: they count where another box of the track is one.
             looks = here[is_look[here]]
-            looks = looks[~np.isin(row[looks], chosen.rows)]
+            looks = looks[~_are_among(row[looks], chosen.rows)]
             if len(looks):
                 others = np.isin(track[looks], chosen.objects.track_id[chosen.rows]) & (track[looks] >= 0)
                 drive[looks[~others]] = -1
@@ -277,6 +277,18 @@ class _Search:
             chosen = self._candidates[drive]
             track = chosen.objects.track_id[chosen.rows]
             wanted = chosen.objects.track_id[chosen_rows]
-            same = np.isin(track, wanted[wanted >= 0]) | np.isin(chosen.rows, chosen_rows)
+            same = np.zeros(len(track), np.bool_)
+            for number in np.unique(wanted[wanted >= 0]).tolist():
+                same |= track == number
+            own = np.array(chosen_rows, np.int64)
+            same[np.searchsorted(chosen.rows, own[_are_among(own, chosen.rows)])] = True
             kept[drive] = chosen.rows[same]
         return kept
+
+
+def _are_among(values: Ints, ascending: Ints) -> Bools:
+    """Return which values are among some ascending ones."""
+    if not len(ascending):
+        return np.zeros(len(values), np.bool_)
+    place = np.minimum(np.searchsorted(ascending, values), len(ascending) - 1)
+    return np.asarray(ascending[place] == values)
