@@ -153,7 +153,9 @@ def test_a_part_that_cannot_be_put_is_one_warning(
     assert SECRET not in lines[0]
 
 
-@pytest.mark.parametrize("damage", ["", '{"stage": "flow", "segm', "null", '{"stage": "flow", "seconds": 1}', "[" * 100_000])
+@pytest.mark.parametrize(
+    "damage", ["", '{"stage": "flow", "segm', "null", '{"stage": "flow", "seconds": 1}', "[" * 100_000]
+)
 def test_arrays_of_runs_hold_what_the_records_hold(tmp_path: Path, damage: str) -> None:
     for number in range(30):
         run = replace(RECORD, segment=f"s{number % 20}", seconds=float(number), end=float(number % 7))
