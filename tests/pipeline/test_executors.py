@@ -164,7 +164,9 @@ def test_detect_is_asked_whose_objects_and_where_by_one_option() -> None:
     assert _objects_and_place(["labels"], detect.STAGE, {}) == (pool_features.STAGE, None)
     assert _objects_and_place(["ray", "labels"], detect.STAGE, {}) == (pool_features.STAGE, "ray")
     assert _objects_and_place(["processes:2"], detect.STAGE, {"x": 1}) == (detect.STAGE, "processes:2")
-    with pytest.raises(BadSetting, match="--on 'boxes': expected detector or labels, or where to work: serial"):
+    with pytest.raises(
+        BadSetting, match="--on 'boxes': expected detector or labels, or where to work: serial"
+    ):
         _objects_and_place(["boxes"], detect.STAGE, {})
     with pytest.raises(BadSetting, match="--on ray --on slurm: expected whose objects once, and where"):
         _objects_and_place(["ray", "slurm"], detect.STAGE, {})

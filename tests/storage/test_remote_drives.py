@@ -25,7 +25,7 @@ from upvl_cli.datasets.shared.paths import inside
 from upvl_cli.errors import BadInput
 from upvl_cli.pipeline.storage import block_file
 from upvl_cli.pipeline.storage.drive_path import DrivePath
-from upvl_cli.pipeline.storage.listings import listings
+from upvl_cli.pipeline.storage.folder_listings import listings
 from upvl_cli.pipeline.storage.location import location
 from upvl_cli.types import Dataset, Drive
 

@@ -151,6 +151,7 @@ def plan(
     price_cpu_hour: CpuPrice = None,
     price_gpu_hour: GpuPrice = None,
     price_tb_month: StoragePrice = None,
+    from_catalog: FromCatalog = False,
 ) -> None:
     """Write the rules and marks that make follows; or print the next shards to make, or what labelling takes."""
     if estimate:

@@ -147,8 +147,8 @@ def _name(window: FrameWindow) -> str:
 
 def _stamp(workspace: Workspace, stage: AnyStage, segment: str, window: FrameWindow, settings: Config) -> str:
     """Return the stamp of the shard, and the window."""
-    whole = json.loads(workspace.shard_stamp(stage, segment, settings))
-    return to_json(whole | {"window": {"first": window.first, "end": window.end}})
+    of_drive = json.loads(workspace.shard_stamp(stage, segment, settings))
+    return to_json(of_drive | {"window": {"first": window.first, "end": window.end}})
 
 
 def _is_whole(path: Path, stamp: str) -> bool:

@@ -13,7 +13,7 @@ from typing import Any, Self, cast
 from upvl_cli.pipeline.storage.block_file import BlockFile
 from upvl_cli.pipeline.storage.bucket import ObjectInfo
 from upvl_cli.pipeline.storage.file_cache import file_cache
-from upvl_cli.pipeline.storage.listings import Place, listings
+from upvl_cli.pipeline.storage.folder_listings import Place, listings
 from upvl_cli.pipeline.storage.read_ahead import read_ahead
 from upvl_cli.pipeline.storage.remote_path import WHOLE_BYTES, Children, RemotePath
 
@@ -36,7 +36,7 @@ class DrivePath(RemotePath):
             return None
         known = listings().held(self.parent._place)
         if known is None or not (known.is_whole or self.name in known.objects):
-            known = listings().whole(self.bucket, self.parent._place)
+            known = listings().complete(self.bucket, self.parent._place)
         return known.objects.get(self.name)
 
     def look_among(self, names: Collection[str]) -> None:
@@ -50,7 +50,7 @@ class DrivePath(RemotePath):
 
     def children(self) -> Children:
         """Return the names of the folders and the objects directly below, as they were when first asked for."""
-        found = listings().whole(self.bucket, self._place)
+        found = listings().complete(self.bucket, self._place)
         return list(found.folders), cast("dict[str, ObjectInfo]", found.objects)
 
     def is_dir(self, **_: Any) -> bool:

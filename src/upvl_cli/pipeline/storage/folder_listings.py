@@ -60,7 +60,7 @@ class Listings:
                 self._held.move_to_end(place)
             return found
 
-    def whole(self, bucket: Bucket, place: Place) -> FolderListing:
+    def complete(self, bucket: Bucket, place: Place) -> FolderListing:
         """Return all that is directly below a folder; one request for a thousand names, where it is not known yet."""
         return self._once(place, lambda _: _list_all(bucket, place[2]), lambda known: known.is_whole)
 
@@ -80,7 +80,7 @@ class Listings:
         missing = [place for place in places if not (known := self.held(place)) or not known.is_whole]
         if len(missing) > 1:
             with ThreadPoolExecutor(min(_LISTED_AT_A_TIME, len(missing))) as pool:
-                list(pool.map(lambda place: self.whole(bucket, place), missing))
+                list(pool.map(lambda place: self.complete(bucket, place), missing))
 
     def _once(
         self,
