@@ -21,7 +21,7 @@ from typing import Any
 
 import pytest
 
-from upvl_cli.pipeline.storage import connect, file_cache, listings, read_ahead
+from upvl_cli.pipeline.storage import connect, file_cache, folder_listings, read_ahead
 
 SECRET = "Qf7unmistakable9secret4of1the2tests"
 KEY = "AKIAUNMISTAKABLEKEY"
@@ -97,7 +97,7 @@ def use_store(monkeypatch: pytest.MonkeyPatch, variables: dict[str, str], cache:
         monkeypatch.setenv(name, value)
     connect.connect.cache_clear()
     file_cache.file_cache.cache_clear()
-    listings.listings.cache_clear()
+    folder_listings.listings.cache_clear()
     read_ahead.read_ahead.cache_clear()
 
 
