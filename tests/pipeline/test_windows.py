@@ -11,10 +11,11 @@ import pytest
 from command import make_workspace
 from upvl_cli.commands.pipeline import PIPELINE
 from upvl_cli.errors import BadSetting, NotMade
+from upvl_cli.pipeline.executors.share import Share
 from upvl_cli.pipeline.runner import claim_folder, make_shard
 from upvl_cli.pipeline.stage import WHOLE_DATASET, FrameWindow
 from upvl_cli.pipeline.tables import read_footer
-from upvl_cli.pipeline.windows import join_windows, make_window, missing_windows, windows_of
+from upvl_cli.pipeline.windows import join_windows, make_window, missing_windows, run_window, windows_of
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.types import Frame
 
@@ -49,6 +50,32 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Workspace]:
 
 def test_some_stages_can_be_made_in_windows() -> None:
     assert WINDOWED == ["ground", "flow", "extract-vl", "boxes2d", "pool-features"]
+
+
+def test_whoever_makes_the_last_window_joins_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(make_workspace(tmp_path / "w"))
+    found = Workspace(PIPELINE, Path("stages"), Path("out"))
+    for name in ("odometry", "ground"):
+        make_shard(
+            found,
+            PIPELINE.by_name[name],
+            SEGMENT,
+            claim_folder(found, PIPELINE.by_name[name], {}),
+            nothing,
+        )
+    stage, path = PIPELINE.by_name["ground"], found.shard("ground", SEGMENT)
+    settings, expected = found.settings(stage), path.read_bytes()
+    path.unlink()
+    said = [run_window(found, stage, SEGMENT, Share(number, 3), settings) for number in (3, 1, 1, 2, 2)]
+    assert said == [
+        "window 3 of 3 made, 2 missing",
+        "window 1 of 3 made, 1 missing",
+        "window 1 of 3 was made, 1 missing",
+        "all windows are made; the shard is fresh",
+        "all windows are made; the shard is fresh",
+    ]
+    assert path.read_bytes() == expected
+    assert run_window(found, stage, SEGMENT, Share(99, 99), settings).endswith("no window 99")
 
 
 @pytest.mark.slow

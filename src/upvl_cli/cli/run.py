@@ -99,9 +99,31 @@ def run_stages(
         return
     with Progress(sum(1 if stage.is_of_dataset else len(chosen) for stage in stages)) as progress:
         for made in run_all(
-            workspace, stages, chosen, overrides=overrides, executor=executor, watch=progress
+            workspace,
+            stages,
+            chosen,
+            overrides=overrides,
+            executor=executor,
+            watch=progress,
+            part=(options.shard or "").replace("/", "-of-"),
         ):
             progress.done(made)
+
+
+def run_window(
+    workspace: Workspace, stage: AnyStage, options: RunOptions, text: str, overrides: Mapping[str, object]
+) -> None:
+    """Make one window of each drive, and join the windows of those of which it was the last."""
+    from upvl_cli.pipeline.executors.share import Share
+    from upvl_cli.pipeline.runner import claim_folder
+    from upvl_cli.pipeline.windows import run_window as run
+
+    window = Share.parse(text, "--window")
+    if options.on is not None or options.workers != 1:
+        raise BadSetting(f"--window {text}: one process makes a window; leave out --on and --workers")
+    settings = claim_folder(workspace, stage, overrides)
+    for segment in options.chosen(workspace):
+        print(f"{stage.name} {segment}: {run(workspace, stage, segment, window, settings)}", flush=True)
 
 
 def print_script(workspace: Workspace, stages: Sequence[AnyStage], options: RunOptions) -> None:

@@ -11,7 +11,7 @@ import typer
 from typer.core import TyperCommand
 
 from upvl_cli.cli.application import DryRun, On, ScriptOnly, Segments, ShardOption, Slurm, Workers, app
-from upvl_cli.cli.run import RunOptions, run_stages
+from upvl_cli.cli.run import RunOptions, run_stages, run_window
 from upvl_cli.config.base import Setting, settings_of
 from upvl_cli.errors import BadSetting, UpvlError
 from upvl_cli.pipeline.pipeline import AnyStage
@@ -27,6 +27,12 @@ _ON = typer.Option(
     help=f"Whose objects to write. {DETECTOR}: run the trained detector. {LABELS}: copy the auto labels with the "
     "features of their points, which needs no training. Can be given a second time, to say where the shards are made: "
     "serial, processes:N, ray, ray://HOST:PORT or slurm."
+)
+
+_WINDOW = typer.Option(
+    metavar="I/N",
+    help="Make one of N windows of the frames of each drive, counted from 1. Whoever makes the last window of a drive "
+    "joins them to its shard, which has the same bytes as one that was made at once.",
 )
 
 
@@ -67,6 +73,7 @@ def _command_of(stage: AnyStage) -> Callable[..., None]:
         shard: str | None = None,
         slurm: str = "",
         preset: str | None = None,
+        window: str | None = None,
         **values: Any,
     ) -> None:
         overrides = nested({name: value for name, value in values.items() if value is not None}, declared)
@@ -78,6 +85,9 @@ def _command_of(stage: AnyStage) -> Callable[..., None]:
         if made is not stage:
             overrides = {}
         options = RunOptions(segment, workers, where, shard, slurm, dry_run)
+        if window is not None:
+            run_window(context.obj, stage, options, window, overrides)
+            return
         if dry_run and not options.prints_script:
             if not stage.estimates_size:
                 raise BadSetting("--dry-run prints the script of a queue: give it with --on slurm")
@@ -85,16 +95,7 @@ def _command_of(stage: AnyStage) -> Callable[..., None]:
         else:
             run_stages(context.obj, [made], options, overrides)
 
-    fixed: list[tuple[str, Any, Any]] = [("context", typer.Context, inspect.Parameter.empty)]
-    if not stage.is_of_dataset:
-        fixed += [("segment", Segments, None), ("workers", Workers, 1), ("shard", ShardOption, None)]
-    fixed += [("dry_run", DryRun if stage.estimates_size else ScriptOnly, False), ("slurm", Slurm, "")]
-    if stage.name == "train":
-        fixed.append(("preset", Annotated[str | None, _PRESET], None))
-    if stage.name == "detect":
-        fixed.append(("on", Annotated[list[str] | None, _ON], None))
-    else:
-        fixed.append(("on", On, None))
+    fixed = _fixed_options(stage)
     options = [("_".join(spec.path), _option_type(spec) | None, _option(spec)) for spec in declared]
     command.__name__ = stage.name
     command.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
@@ -104,6 +105,23 @@ def _command_of(stage: AnyStage) -> Callable[..., None]:
         ]
     )
     return command
+
+
+def _fixed_options(stage: AnyStage) -> list[tuple[str, Any, Any]]:
+    """Return the options of a stage that are no settings: name, type and default."""
+    fixed: list[tuple[str, Any, Any]] = [("context", typer.Context, inspect.Parameter.empty)]
+    if not stage.is_of_dataset:
+        fixed += [("segment", Segments, None), ("workers", Workers, 1), ("shard", ShardOption, None)]
+    fixed += [("dry_run", DryRun if stage.estimates_size else ScriptOnly, False), ("slurm", Slurm, "")]
+    if stage.windowed:
+        fixed.append(("window", Annotated[str | None, _WINDOW], None))
+    if stage.name == "train":
+        fixed.append(("preset", Annotated[str | None, _PRESET], None))
+    if stage.name == "detect":
+        fixed.append(("on", Annotated[list[str] | None, _ON], None))
+    else:
+        fixed.append(("on", On, None))
+    return fixed
 
 
 def _objects_and_place(

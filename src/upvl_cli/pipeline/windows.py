@@ -15,6 +15,7 @@ from pathlib import Path
 
 from upvl_cli.config.base import Config
 from upvl_cli.errors import BadSetting, NotMade
+from upvl_cli.pipeline.executors.share import Share
 from upvl_cli.pipeline.inputs import ShardInputs
 from upvl_cli.pipeline.pipeline import AnyStage
 from upvl_cli.pipeline.provenance import to_json
@@ -126,6 +127,32 @@ def join_windows(
     made = make_shard(workspace, stage, segment, settings, _no_tick, rows_of)
     _delete(workspace, stage, segment)
     return made
+
+
+def run_window(workspace: Workspace, stage: AnyStage, segment: str, window: Share, settings: Config) -> str:
+    """Make one of the windows of a drive, join all where none is missing, and return in words what became of it.
+
+    Args:
+        workspace: The workspace of the shard.
+        stage: The stage that makes it.
+        segment: Name of the drive.
+        window: Which window, of how many.
+        settings: Values of the stage.
+
+    Raises:
+        BadSetting: The stage needs the drive as a whole.
+        NotMade: An input is missing or was made with other settings.
+    """
+    windows = windows_of(workspace, segment, window.count)
+    if window.number > len(windows):
+        return f"it has {len(windows)} frames, and no window {window.number}"
+    made = make_window(workspace, stage, segment, windows[window.number - 1], settings, _no_tick)
+    missing = missing_windows(workspace, stage, segment, windows, settings)
+    if missing and state(workspace, stage, segment, settings)[0] != "fresh":
+        done = "made" if made else "was made"
+        return f"window {window.number} of {len(windows)} {done}, {len(missing)} missing"
+    join_windows(workspace, stage, segment, windows, settings)
+    return "all windows are made; the shard is fresh"
 
 
 def _check_windowed(stage: AnyStage) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from upvl_cli.errors import UpvlError
+from upvl_cli.pipeline.catalog.catalog import Reading
 from upvl_cli.pipeline.catalog.tasks import fresh_segments
 from upvl_cli.pipeline.executors.base import Executor, Failed, Unwatched, Watch, Work
 from upvl_cli.pipeline.executors.serial import SerialExecutor
@@ -24,6 +25,7 @@ def run_all(
     overrides: Mapping[str, object],
     executor: Executor | None = None,
     watch: Watch | None = None,
+    part: str = "",
 ) -> Iterator[Made]:
     """Run stages, in order, on each drive; yields as shards are made.
 
@@ -34,6 +36,7 @@ def run_all(
         overrides: Values of the command line, for a single stage.
         executor: Where the shards are made; None makes them in this process.
         watch: Who follows the run; None shows nothing.
+        part: Name of this run among others that work on other drives at the same time, for its file of the catalogue.
 
     Raises:
         UpvlError: Drives failed; raised after the others are done.
@@ -43,7 +46,7 @@ def run_all(
     failures: dict[str, UpvlError] = {}
     left = segments
     if len(segments) >= _MANY:
-        fresh = fresh_segments(workspace, stages, segments, settings)
+        fresh = fresh_segments(workspace, stages, segments, settings, Reading(part))
         left = [segment for segment in segments if segment not in fresh]
         for segment in (name for name in segments if name in fresh):
             yield from (Made.found_fresh(stage.name, segment) for stage in stages if not stage.is_of_dataset)

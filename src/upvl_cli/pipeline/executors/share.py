@@ -19,8 +19,8 @@ class Share:
     count: int
 
     @classmethod
-    def parse(cls, text: str) -> Share:
-        """Return the share that `--shard` names, such as 3/64.
+    def parse(cls, text: str, option: str = "--shard") -> Share:
+        """Return the share that an option names, such as 3/64.
 
         Raises:
             BadSetting: It is no share.
@@ -29,8 +29,8 @@ class Share:
         number, count = map(int, found.groups()) if found else (0, 0)
         if not 1 <= number <= count:
             raise BadSetting(
-                f"--shard {text!r}: expected I/N with I from 1 to N, such as 3/64; where a scheduler counts from 0, as "
-                "Kubernetes does, give $((JOB_COMPLETION_INDEX + 1))/64"
+                f"{option} {text!r}: expected I/N with I from 1 to N, such as 3/64; where a scheduler counts from 0, "
+                "as Kubernetes does, give $((JOB_COMPLETION_INDEX + 1))/64"
             )
         return cls(number, count)
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from upvl_cli.errors import BadSetting, UpvlError
+from upvl_cli.pipeline.catalog.tasks import fresh_segments
 from upvl_cli.pipeline.executors.base import ATTEMPTS, Failed, Started, Watch, Work
 from upvl_cli.pipeline.executors.share import Share
 from upvl_cli.pipeline.executors.slurm_options import SlurmOptions, array_script
@@ -223,13 +224,17 @@ def _verified(
         for number in range(1, tasks + 1)
         for segment in Share(number, tasks).of(work.chosen or work.segments)
     }
+    fresh = fresh_segments(work.workspace, work.stages, work.segments, work.settings)
     for stage in work.stages:
         for segment in [WHOLE_DATASET] if stage.is_of_dataset else work.segments:
             if (stage.name, segment) in made or segment in failed:
                 continue
+            if segment in fresh:
+                yield Made.found_fresh(stage.name, segment)
+                continue
             condition, reason = state(work.workspace, stage, segment, work.settings[stage.name])
             if condition == "fresh":
-                yield Made(stage.name, segment, True, 0, {}, 0.0, 0.0)
+                yield Made.found_fresh(stage.name, segment)
                 continue
             failed.add(segment)
             message = messages.get(number_of.get(segment, 1)) or f"{stage.name} is {condition} ({reason})"
