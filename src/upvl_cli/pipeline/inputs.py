@@ -113,6 +113,14 @@ class ShardInputs:
         return self._workspace.out / self._stage.name
 
     @property
+    def scratch(self) -> Path:
+        """A local folder with room: that of the shards, or that of the copies of objects where those are remote."""
+        from upvl_cli.pipeline.storage.file_cache import file_cache
+        from upvl_cli.pipeline.storage.remote_path import is_remote
+
+        return file_cache().parts if is_remote(self.folder) else self.folder
+
+    @property
     def stamp(self) -> str:
         """What makes the shard that is being made."""
         return self._workspace.shard_stamp(self._stage, self.segment, self._settings)

@@ -166,6 +166,10 @@ class Inputs(Protocol):
         """Folder of the stage's shards; what a stopped run goes on from can stand beside them."""
 
     @property
+    def scratch(self) -> Path:
+        """Folder on a disk of this machine with room for what waits there while the stage runs."""
+
+    @property
     def stamp(self) -> str:
         """Stamp of the shard that is being made."""
 

@@ -43,7 +43,7 @@ def run(inputs: Inputs, config: DetectConfig) -> Iterator[ObjectRow]:
     (fitted,) = inputs.table("pca", PcaRow)
     found: list[_FrameBoxes] = []
     # The features of points are many times all else that a frame holds: they wait on disk for the tracks.
-    with ArraySpill(inputs.folder) as features:
+    with ArraySpill(inputs.scratch) as features:
         for prediction in _predictions(inputs, config):
             features.append(fitted.basis.quantize(prediction.point_feature.values))
             found.append(_FrameBoxes.of_prediction(prediction))

@@ -37,6 +37,11 @@ class FileCache:
         self._folder, self._max_bytes = folder, max_bytes
         self._since_count = max_bytes  # bytes that came since the folder was last measured: at first it is
 
+    @property
+    def parts(self) -> Path:
+        """Folder of files that are being written, and of what waits on disk."""
+        return self._folder / "parts"
+
     def held(self, address: str, version: str) -> Path | None:
         """Return the copy of a version of an object; None where there is none."""
         path = self._path(address, version)
@@ -61,7 +66,7 @@ class FileCache:
     @contextlib.contextmanager
     def part(self, name: str) -> Iterator[IO[bytes]]:
         """Open a file that is deleted when the block ends, unless it was adopted as a copy."""
-        folder = self._folder / "parts"
+        folder = self.parts
         try:
             folder.mkdir(parents=True, exist_ok=True, mode=0o700)
             file = tempfile.NamedTemporaryFile("w+b", dir=folder, suffix=f"-{name}"[-80:], delete=False)  # noqa: SIM115
