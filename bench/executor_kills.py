@@ -240,10 +240,11 @@ def main() -> None:
         reference = given.reference or Path(temporary) / "serial"
         folder = Path(temporary) / "killed"
         streets = {"raw__dataset": '"streets"', "raw__root": f'"{given.drives}x{given.frames}"'}
-        if not (reference / "out").is_dir():
+        if not (reference / "stages").is_dir():
             make_workspace(reference, **streets)
-            command = [sys.executable, "-m", "upvl_cli", "autolabel", "--moving-only", "--anyway"]
-            subprocess.run(command, cwd=reference, check=True, stdout=subprocess.DEVNULL)
+        # One that was stopped goes on; what is finished is found fresh.
+        command = [sys.executable, "-m", "upvl_cli", "autolabel", "--moving-only", "--anyway"]
+        subprocess.run(command, cwd=reference, check=True, stdout=subprocess.DEVNULL)
         make_workspace(folder, **streets)
         run = Run(given, folder, out, variables)
         started_s = time.monotonic()
