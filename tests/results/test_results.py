@@ -112,7 +112,11 @@ def test_pyarrow_counts_the_classes(out: Path) -> None:
 def test_duckdb_counts_the_classes(out: Path) -> None:
     duckdb = pytest.importorskip("duckdb")
     sql = f"select class, count(*), avg(length_m) from '{out}/labels/*.parquet' group by 1"
-    assert set(duckdb.sql(sql).fetchall()) == {("vehicle", 3, 6.0), ("pedestrian", 1, 0.5), ("unknown", 1, 1.0)}
+    assert set(duckdb.sql(sql).fetchall()) == {
+        ("vehicle", 3, 6.0),
+        ("pedestrian", 1, 0.5),
+        ("unknown", 1, 1.0),
+    }
 
 
 def test_importing_the_package_loads_nothing_heavy() -> None:
