@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import sys
 import threading
 import time
 from pathlib import Path
@@ -160,3 +161,10 @@ def test_an_address_that_makes_no_sense_is_refused(text: str, expected: str) -> 
         location(text)
     assert expected in str(caught.value)
     assert "secret" not in str(caught.value)
+
+
+def test_the_package_that_is_missing_is_named(store: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "obstore", None)
+    monkeypatch.setitem(sys.modules, "obstore.store", None)
+    with pytest.raises(BadSetting, match=r"needs the package obstore; run: pip install 'upvl\[storage\]'"):
+        (location(store) / "a").read_bytes()

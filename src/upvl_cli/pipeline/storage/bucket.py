@@ -51,9 +51,9 @@ class Bucket:
 
     def head(self, key: str) -> ObjectInfo | None:
         """Return what the store says of an object; None where there is none."""
+        store = self._store
         import obstore
 
-        store = self._store
         try:
             return _info(attempt(lambda: obstore.head(store, key), self.address(key), "looked at"))
         except FileNotFoundError:
@@ -72,9 +72,8 @@ class Bucket:
             FileNotFoundError: There is no such object.
             StorageError: The object has been replaced by another version meanwhile.
         """
-        import obstore
-
         store = self._store
+        import obstore
 
         def once() -> bytes:
             found = obstore.get(store, key, options={"range": (start, start + size), "if_match": version})
@@ -91,9 +90,8 @@ class Bucket:
         Raises:
             FileNotFoundError: There is no such object.
         """
-        import obstore
-
         store = self._store
+        import obstore
 
         def once() -> tuple[bytes, str]:
             found = obstore.get(store, key)
@@ -107,9 +105,8 @@ class Bucket:
         Raises:
             FileNotFoundError: There is no such object.
         """
-        import obstore
-
         store = self._store
+        import obstore
 
         def once() -> ObjectInfo:
             file.seek(0)
@@ -126,9 +123,9 @@ class Bucket:
 
     def put(self, key: str, content: Path | bytes) -> str:
         """Write an object, whole or not at all, over one that is there; return its version."""
+        store = self._store
         import obstore
 
-        store = self._store
         found = attempt(
             lambda: obstore.put(store, key, content, chunk_size=_PART_BYTES), self.address(key), "written"
         )
@@ -140,9 +137,9 @@ class Bucket:
         Raises:
             Conflict: There is another one.
         """
+        store = self._store
         import obstore
 
-        store = self._store
         mode: Any = "create" if version is None else {"e_tag": version}
         try:
             found = attempt(lambda: obstore.put(store, key, content, mode=mode), self.address(key), "written")
@@ -152,9 +149,9 @@ class Bucket:
 
     def delete(self, key: str) -> None:
         """Delete an object; none is deleted where none is there."""
+        store = self._store
         import obstore
 
-        store = self._store
         try:
             attempt(lambda: obstore.delete(store, key), self.address(key), "deleted")
         except FileNotFoundError:
@@ -166,9 +163,9 @@ class Bucket:
         Args:
             prefix: Ends with a slash, or is empty.
         """
+        store = self._store
         import obstore
 
-        store = self._store
         try:
             found = attempt(
                 lambda: obstore.list_with_delimiter(store, prefix), self.address(prefix), "listed"
@@ -184,9 +181,9 @@ class Bucket:
 
     def has_below(self, prefix: str) -> bool:
         """Whether any object is below a prefix, which ends with a slash."""
+        store = self._store
         import obstore
 
-        store = self._store
         found = attempt(
             lambda: next(iter(obstore.list(store, prefix, chunk_size=1)), ()), self.address(prefix), "listed"
         )
@@ -220,10 +217,10 @@ class Bucket:
         Yields:
             Columns `path`, `last_modified`, `size`, `e_tag`.
         """
+        store = self._store
         import obstore
         import pyarrow as pa
 
-        store = self._store
         while True:
             # After a fault the listing goes on behind the last key that arrived.
             pages = iter(
