@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import io
-import os
 from functools import partial
 from pathlib import Path
 from typing import IO, Any
 
 from upvl_cli.pipeline.storage.bucket import Bucket, ObjectInfo
 from upvl_cli.pipeline.storage.file_cache import file_cache
+from upvl_cli.pipeline.storage.object_file import ObjectFile
 from upvl_cli.pipeline.storage.read_ahead import read_ahead
 
 BLOCK_BYTES = 4 * 2**20
 
 
-class BlockFile(io.RawIOBase):
+class BlockFile(ObjectFile):
     """One version of an object, read by blocks that later readers on this machine find on its disk."""
 
     def __init__(self, bucket: Bucket, key: str, info: ObjectInfo) -> None:
@@ -26,33 +25,14 @@ class BlockFile(io.RawIOBase):
             key: Its key.
             info: Its size and version.
         """
-        self._bucket, self._key, self._info = bucket, key, info
+        super().__init__(bucket, key, info)
         self._address = bucket.address(key)
-        self._position = 0
         self._opened: tuple[int, IO[bytes]] | None = None
-
-    def readable(self) -> bool:
-        """Whether it can be read: always."""
-        return True
-
-    def seekable(self) -> bool:
-        """Whether reading can go on elsewhere: always."""
-        return True
-
-    def tell(self) -> int:
-        """Return the place of the next byte."""
-        return self._position
-
-    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Go to a place, and return it."""
-        origin = {os.SEEK_SET: 0, os.SEEK_CUR: self._position, os.SEEK_END: self._info.size}[whence]
-        self._position = max(origin + offset, 0)
-        return self._position
 
     def readinto(self, buffer: Any) -> int:
         """Read bytes into a buffer, as many as it holds where there are so many, and return how many."""
         view = memoryview(buffer).cast("B")
-        size = max(min(len(view), self._info.size - self._position), 0)
+        size = self._readable_size(len(view))
         done = 0
         while done < size:
             number, within = divmod(self._position, BLOCK_BYTES)

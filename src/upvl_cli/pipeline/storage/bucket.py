@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
+from types import ModuleType
 from typing import IO, TYPE_CHECKING, Any
 
 from upvl_cli.errors import StorageError
 from upvl_cli.pipeline.storage.connect import connect
-from upvl_cli.pipeline.storage.faults import Conflict, attempt
+from upvl_cli.pipeline.storage.faults import Conflict, Result, attempt
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -45,17 +46,23 @@ class Bucket:
         """Return the full address of an object."""
         return f"{self._scheme}://{self._name}/{key}"
 
-    @property
-    def _store(self) -> Any:
-        return connect(self._scheme, self._name)
+    def _ask(self, doing: str, key: str, request: Callable[[ModuleType, Any], Result]) -> Result:
+        """Return what a request gives, which is made again where that can help.
+
+        Args:
+            doing: As for `attempt`.
+            key: What is asked for.
+            request: Takes the library and its connection to the bucket.
+        """
+        store = connect(self._scheme, self._name)  # says so where the library is missing
+        import obstore
+
+        return attempt(lambda: request(obstore, store), self.address(key), doing)
 
     def head(self, key: str) -> ObjectInfo | None:
         """Return what the store says of an object; None where there is none."""
-        store = self._store
-        import obstore
-
         try:
-            return _info(attempt(lambda: obstore.head(store, key), self.address(key), "looked at"))
+            return _info(self._ask("looked at", key, lambda obstore, store: obstore.head(store, key)))
         except FileNotFoundError:
             return None
 
@@ -72,15 +79,13 @@ class Bucket:
             FileNotFoundError: There is no such object.
             StorageError: The object has been replaced by another version meanwhile.
         """
-        store = self._store
-        import obstore
 
-        def once() -> bytes:
+        def once(obstore: ModuleType, store: Any) -> bytes:
             found = obstore.get(store, key, options={"range": (start, start + size), "if_match": version})
             return bytes(found.bytes())
 
         try:
-            return attempt(once, self.address(key), "read")
+            return self._ask("read", key, once)
         except Conflict:
             raise StorageError(f"{self.address(key)} was replaced while it was read; run again") from None
 
@@ -90,14 +95,12 @@ class Bucket:
         Raises:
             FileNotFoundError: There is no such object.
         """
-        store = self._store
-        import obstore
 
-        def once() -> tuple[bytes, str]:
+        def once(obstore: ModuleType, store: Any) -> tuple[bytes, str]:
             found = obstore.get(store, key)
             return bytes(found.bytes()), str(found.meta["e_tag"])
 
-        return attempt(once, self.address(key), "read")
+        return self._ask("read", key, once)
 
     def download(self, key: str, file: IO[bytes]) -> ObjectInfo:
         """Write an object into a file, and return what it is.
@@ -105,10 +108,8 @@ class Bucket:
         Raises:
             FileNotFoundError: There is no such object.
         """
-        store = self._store
-        import obstore
 
-        def once() -> ObjectInfo:
+        def once(obstore: ModuleType, store: Any) -> ObjectInfo:
             file.seek(0)
             file.truncate()
             found = obstore.get(store, key)
@@ -119,15 +120,12 @@ class Bucket:
                 raise OSError(f"{file.tell()} of {info.size} bytes arrived")
             return info
 
-        return attempt(once, self.address(key), "read")
+        return self._ask("read", key, once)
 
     def put(self, key: str, content: Path | bytes) -> str:
         """Write an object, whole or not at all, over one that is there; return its version."""
-        store = self._store
-        import obstore
-
-        found = attempt(
-            lambda: obstore.put(store, key, content, chunk_size=_PART_BYTES), self.address(key), "written"
+        found = self._ask(
+            "written", key, lambda obstore, store: obstore.put(store, key, content, chunk_size=_PART_BYTES)
         )
         return str(found["e_tag"])
 
@@ -137,23 +135,19 @@ class Bucket:
         Raises:
             Conflict: There is another one.
         """
-        store = self._store
-        import obstore
-
         mode: Any = "create" if version is None else {"e_tag": version}
         try:
-            found = attempt(lambda: obstore.put(store, key, content, mode=mode), self.address(key), "written")
+            found = self._ask(
+                "written", key, lambda obstore, store: obstore.put(store, key, content, mode=mode)
+            )
             return str(found["e_tag"])
         except FileNotFoundError:  # what was to be replaced is gone
             raise Conflict from None
 
     def delete(self, key: str) -> None:
         """Delete an object; none is deleted where none is there."""
-        store = self._store
-        import obstore
-
         try:
-            attempt(lambda: obstore.delete(store, key), self.address(key), "deleted")
+            self._ask("deleted", key, lambda obstore, store: obstore.delete(store, key))
         except FileNotFoundError:
             return
 
@@ -163,12 +157,9 @@ class Bucket:
         Args:
             prefix: Ends with a slash, or is empty.
         """
-        store = self._store
-        import obstore
-
         try:
-            found = attempt(
-                lambda: obstore.list_with_delimiter(store, prefix), self.address(prefix), "listed"
+            found = self._ask(
+                "listed", prefix, lambda obstore, store: obstore.list_with_delimiter(store, prefix)
             )
         except FileNotFoundError:
             return [], {}
@@ -181,11 +172,8 @@ class Bucket:
 
     def has_below(self, prefix: str) -> bool:
         """Whether any object is below a prefix, which ends with a slash."""
-        store = self._store
-        import obstore
-
-        found = attempt(
-            lambda: next(iter(obstore.list(store, prefix, chunk_size=1)), ()), self.address(prefix), "listed"
+        found = self._ask(
+            "listed", prefix, lambda obstore, store: next(iter(obstore.list(store, prefix, chunk_size=1)), ())
         )
         return bool(found)
 
@@ -217,22 +205,11 @@ class Bucket:
         Yields:
             Columns `path`, `last_modified`, `size`, `e_tag`.
         """
-        store = self._store
-        import obstore
         import pyarrow as pa
 
         while True:
             # After a fault the listing goes on behind the last key that arrived.
-            pages = iter(
-                attempt(
-                    lambda begin=after: obstore.list(  # type: ignore[misc]
-                        store, prefix, offset=begin, chunk_size=rows, return_arrow=True
-                    ),
-                    self.address(prefix),
-                    "listed",
-                )
-            )
-            page = attempt(lambda source=pages: next(source, None), self.address(prefix), "listed")  # type: ignore[misc]
+            pages, page = self._ask("listed", prefix, partial(_first_page, prefix, after, rows))
             while page is not None:
                 batch = pa.record_batch(page)
                 if batch.num_rows:
@@ -250,6 +227,14 @@ class Bucket:
 def bucket_of(scheme: str, name: str) -> Bucket:
     """Return the bucket of a scheme and a name."""
     return Bucket(scheme, name)
+
+
+def _first_page(
+    prefix: str, after: str | None, rows: int, obstore: ModuleType, store: Any
+) -> tuple[Iterator[Any], Any]:
+    """Return the pages of a listing behind a key, and the first of them; None where there is none."""
+    pages = iter(obstore.list(store, prefix, offset=after, chunk_size=rows, return_arrow=True))
+    return pages, next(pages, None)
 
 
 def _name_below(prefix: str, key: str) -> str:
