@@ -123,9 +123,8 @@ def find(
         warm = _opened(store, config)
     considered = _considered(store, warm, filters, config, counts)
     candidates, ranking = _candidates(warm, store.basis, vocabulary, considered, config)
-    counts["not ranked high enough"] += _total(considered) - _total(candidates)
-    if not config.search:
-        del counts["not ranked high enough"]
+    if config.search:
+        counts["not ranked high enough"] += _total(considered) - _total(candidates)
     classified = _classify(store, vocabulary, candidates, config, warm.tables)
     for chosen, votes in zip(candidates, classified, strict=True):
         objects = chosen.objects[chosen.rows]
