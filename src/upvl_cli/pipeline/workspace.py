@@ -17,7 +17,6 @@ from upvl_cli.config.base import Config, setting, table
 from upvl_cli.config.corrections import CorrectionsConfig
 from upvl_cli.config.toml import load, merge
 from upvl_cli.errors import BadInput, BadSetting
-from upvl_cli.pipeline.fingerprint import Fingerprint, fingerprint, kept_digest
 from upvl_cli.pipeline.pipeline import AnyStage, Pipeline
 from upvl_cli.pipeline.preset_files import SAFE_NAME, preset_of, preset_values, split_presets
 from upvl_cli.pipeline.provenance import to_json
@@ -26,6 +25,7 @@ from upvl_cli.pipeline.storage.location import location
 from upvl_cli.runtime.atomic import write_if_changed
 
 if TYPE_CHECKING:
+    from upvl_cli.pipeline.fingerprint import Fingerprint
     from upvl_cli.pipeline.tables import Table
     from upvl_cli.types import Dataset, Drive, Model
 
@@ -241,7 +241,11 @@ class Workspace:
     def files_digest(self, stage: AnyStage, segment: str, settings: Config | None = None) -> str:
         """Return a digest of the files that a stage's settings name for a drive; empty where they name none."""
         files = (settings or self.settings(stage)).files(segment)
-        return kept_digest(files, self.out / stage.name / f"{segment}.seen") if files else ""
+        if not files:
+            return ""
+        from upvl_cli.pipeline.fingerprint import kept_digest
+
+        return kept_digest(files, self.out / stage.name / f"{segment}.seen")
 
     def drives_of(self, stage: AnyStage, settings: Config | None = None) -> tuple[str, ...]:
         """Return the drives that the one shard of a stage of the whole dataset is made from."""
@@ -293,6 +297,8 @@ class Workspace:
     def model_stamp(self) -> dict[str, Any]:
         """The vision-language model as stamps have it."""
         adapter, weights = self.pipeline.model(self.vlm.model)
+        from upvl_cli.pipeline.fingerprint import kept_digest
+
         digest = kept_digest(adapter.files(weights), self.out / "vlm.seen")
         # The value names a place on this disk; what the model is, its content says.
         model = self.vlm.model.partition(":")[0]
@@ -316,6 +322,8 @@ class Workspace:
 
     def _fingerprint(self, segment: str) -> Fingerprint:
         if segment not in self._fingerprints:
+            from upvl_cli.pipeline.fingerprint import fingerprint
+
             self._fingerprints[segment] = fingerprint(self.drive(segment).files, self.seen_path(segment))
         return self._fingerprints[segment]
 
