@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import random
 import subprocess
 import sys
@@ -66,6 +67,24 @@ def test_a_bucket_that_is_not_there_is_named(store: str) -> None:
         atomic_file(location("s3://no-such-bucket/a")) as file,
     ):
         file.write(b"x")
+
+
+def test_a_full_disk_is_not_taken_for_a_store_that_fails(store: str) -> None:
+    path = location(store) / "large.bin"
+    with atomic_file(path) as file:
+        file.write(b"x" * 100_000)
+    program = (
+        "import resource, sys; from upvl_cli.pipeline.storage.location import location;"
+        "from upvl_cli.errors import StorageError; import signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))\n"
+        "try: location(sys.argv[1]).read_bytes()\n"
+        "except StorageError as error: print(error)"
+    )
+    variables = {**os.environ, "UPVL_CACHE": os.environ["UPVL_CACHE"] + "-empty"}
+    done = subprocess.run(
+        [sys.executable, "-c", program, str(path)], env=variables, capture_output=True, text=True, timeout=10
+    )
+    assert done.stdout.startswith(f"{path} cannot be read: the local copy cannot be written"), done.stderr
 
 
 def test_no_secret_is_in_what_a_run_leaves_or_says(server: Server, tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ answer are taken.
 
 from __future__ import annotations
 
+import errno
 import random
 import re
 import time
@@ -30,6 +31,8 @@ _FINAL = {
     "UnauthenticatedError": ("the credentials are missing or not valid", _CREDENTIALS),
     "NotSupportedError": ("the store cannot do that", "use a store that answers conditional writes"),
 }
+# What writing the local copy can end with: a store never answers so, and another attempt meets the same disk.
+_OF_DISK = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EIO}
 _EXPIRED = {"ExpiredToken", "ExpiredTokenException", "RequestTimeTooSkewed", "InvalidAccessKeyId"}
 
 
@@ -62,6 +65,11 @@ def attempt(action: Callable[[], Result], address: str, doing: str) -> Result:
                 raise FileNotFoundError(2, "no such object", address) from None
             if not _is_of_store(error):
                 raise
+            if isinstance(error, OSError) and error.errno in _OF_DISK:
+                raise StorageError(
+                    f"{address} cannot be {doing}: the local copy cannot be written ({error.strerror}); make room in "
+                    "the folder of UPVL_CACHE, or name another one"
+                ) from None
             if final or number == _ATTEMPTS:
                 reason, remedy = final or _reason_after_attempts(error)
                 raise StorageError(f"{address} cannot be {doing}: {reason}; {remedy}") from None
