@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from upvl_cli.errors import BadSetting
+from upvl_cli.errors import BadSetting, StorageError
 from upvl_cli.pipeline.storage.location import location
 from upvl_cli.pipeline.storage.remote_path import RemotePath
 from upvl_cli.runtime.atomic import NotNeeded, atomic_file, atomic_path, write_if_changed
@@ -109,6 +109,18 @@ def test_large_objects_are_read_by_ranges(store: str, tmp_path: Path) -> None:
             file.seek(start)
             assert file.read(size) == content[start : start + size]
     assert not list((tmp_path / "cache").rglob("large.bin"))
+
+
+def test_an_object_that_is_replaced_while_it_is_read_is_never_mixed(store: str, tmp_path: Path) -> None:
+    path = put(location(store) / "large.bin", b"a" * 6_000_000)
+    for copy in (tmp_path / "cache").rglob("large.bin"):
+        copy.unlink()
+    with path.open("rb") as file:
+        assert file.read(10) == b"a" * 10
+        put(location(store) / "large.bin", b"b" * 6_000_000)
+        file.seek(3_000_000)
+        with pytest.raises(StorageError, match="was replaced while it was read; run again"):
+            file.read(10)
 
 
 def test_the_cache_is_bounded_and_keeps_what_was_used_last(
