@@ -16,8 +16,9 @@ from upvl_cli.pipeline.tables import Table
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.query.classes import Classes, classes_from_phrases
 from upvl_cli.query.filters import Filters
-from upvl_cli.query.find import Hits, QueryResult, best_first, find
-from upvl_cli.query.index import indexed_objects
+from upvl_cli.query.find import Hits, QueryResult, WarmStore, best_first, find, point_features
+from upvl_cli.query.index import indexed_objects, open_index
+from upvl_cli.query.ranking import Ranking
 from upvl_cli.query.store import Store, open_store
 from upvl_cli.query.vocabulary import Vocabulary, build_vocabulary
 
@@ -112,6 +113,19 @@ def test_filters(made: Workspace, filters: Filters, expected: list[tuple[str, in
 def test_the_threshold_is_of_share_times_confidence(made: Workspace) -> None:
     assert len(ask(made, "fire truck", threshold=0.39).hits) == 3
     assert keys(ask(made, "fire truck", threshold=0.41)) == [("two", 0, 0)]
+
+
+def test_a_search_gives_back_the_features_that_it_has_ranked(made: Workspace) -> None:
+    store = open_store(made, None)
+    index, released = open_index(store), list[str]()
+    warm = WarmStore(
+        index.drives,
+        lambda segment: point_features(store, segment),
+        Ranking(store.basis),
+        release=released.append,
+    )
+    find(store, vocabulary_of(made, "car"), Filters(), config(made, search=True), warm)
+    assert sorted(released) == ["one", "two", "void"]
 
 
 def test_a_search_asks_the_best_box_of_the_best_tracks(made: Workspace) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -90,12 +90,14 @@ class WarmStore:
         tables: Gives the features of the points of a drive.
         ranking: Ranks boxes, and keeps what the next query needs as well.
         vectors: The files of `upvl index` that fit the boxes.
+        release: Gives back the memory of the features of a drive that was ranked.
     """
 
     drives: Mapping[str, Objects]
     tables: OpenTable
     ranking: Ranking
     vectors: Vectors = field(default_factory=Vectors)
+    release: Callable[[str], None] = lambda segment: None
 
 
 def find(
@@ -142,7 +144,11 @@ def _opened(store: Store, config: QueryConfig) -> WarmStore:
     index = open_index(store)
     vectors = open_vectors(store, index.drives, index.digests) if config.search else Vectors()
     return WarmStore(
-        index.drives, lambda segment: point_features(store, segment), Ranking(store.basis), vectors
+        index.drives,
+        lambda segment: point_features(store, segment),
+        Ranking(store.basis),
+        vectors,
+        index.release_features,
     )
 
 
@@ -239,7 +245,7 @@ def _candidates(
                 tracks=config.candidates,
                 uses_looks=_uses_looks(config),
             )
-        candidates = _best_ranked(warm.ranking, vocabulary, candidates, config)
+        candidates = _best_ranked(warm, vocabulary, candidates, config)
     return [chosen for chosen in candidates if len(chosen.rows)], how
 
 
@@ -248,14 +254,16 @@ def _total(candidates: Sequence[Candidates]) -> int:
 
 
 def _best_ranked(
-    ranking: Ranking, vocabulary: Vocabulary, candidates: Sequence[Candidates], config: QueryConfig
+    warm: WarmStore, vocabulary: Vocabulary, candidates: Sequence[Candidates], config: QueryConfig
 ) -> list[Candidates]:
     """Return the best box of each of the best tracks of all drives, ranked by mean feature or by their looks."""
 
     def ranked(chosen: Candidates) -> Floats:
-        return ranking.score(
+        score = warm.ranking.score(
             chosen.segment, chosen.objects, chosen.rows, vocabulary, uses_looks=_uses_looks(config)
         )
+        warm.release(chosen.segment)
+        return score
 
     if not candidates:
         return []

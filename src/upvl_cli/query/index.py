@@ -7,7 +7,6 @@ whose shard and basis have not changed is copied from the index before; the feat
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields
@@ -20,6 +19,7 @@ import pyarrow as pa
 from upvl_cli.perception.visual.open_vocabulary import COMPONENTS
 from upvl_cli.pipeline.tables import Table, footer_digest
 from upvl_cli.query.groups import groups_of
+from upvl_cli.query.mapped_file import MappedFile
 from upvl_cli.query.store import Store, check_basis
 from upvl_cli.runtime.atomic import atomic_file
 from upvl_cli.runtime.parallel import in_order
@@ -82,10 +82,26 @@ class ObjectIndex:
     Attributes:
         drives: The boxes of each drive, in the order of the store; views of files: what is not used is not read.
         digests: What the boxes of each drive were read from: the digests of its shard and of the basis.
+        files: The file of each drive whose boxes are views of one.
     """
 
     drives: Mapping[str, Objects]
     digests: Mapping[str, str]
+    files: Mapping[str, MappedFile]
+
+    def release_features(self, name: str) -> None:
+        """Give back the memory of the features of a drive, two thirds of its bytes; they are read again when used."""
+        if name in self.files:
+            self.files[name].release(self.drives[name].pooled)
+            self.files[name].release(self.drives[name].look_feature)
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Boxes of a group of drives, and the file of which they are views, if any."""
+
+    batches: Mapping[DriveKey, pa.RecordBatch]
+    file: MappedFile | None = None
 
 
 def indexed_objects(store: Store) -> Iterator[tuple[str, Objects]]:
@@ -106,35 +122,38 @@ def open_index(store: Store) -> ObjectIndex:
         for group, names in groups_of(keys).items()
     }
     found = {path: _read_group(path) for path in groups}
-    if any(list(found[path]) != expected for path, expected in groups.items()):
+    if any(list(found[path].batches) != expected for path, expected in groups.items()):
         found |= _update(store, groups, found)
-    batches = {name: batch for group in found.values() for (name, _), batch in group.items()}
+    batches = {name: batch for group in found.values() for (name, _), batch in group.batches.items()}
+    files = {name: group.file for group in found.values() if group.file for name, _ in group.batches}
     drives = {
         name: Objects(**{spec.name: _view(batches[name].column(spec.name)) for spec in fields(Objects)})
         for name in store.paths
     }
-    return ObjectIndex(drives, keys)
+    return ObjectIndex(drives, keys, files)
 
 
 def _update(
     store: Store,
     groups: Mapping[Path, Sequence[DriveKey]],
-    found: Mapping[Path, Mapping[DriveKey, pa.RecordBatch]],
-) -> dict[Path, dict[DriveKey, pa.RecordBatch]]:
+    found: Mapping[Path, _Group],
+) -> dict[Path, _Group]:
     """Write the groups that are out of date, and return them; files of groups that there are no more are removed."""
     present = sorted(store.index.glob(f"{store.source}-*.arrow")) if store.index.is_dir() else []
     gone = [path for path in present if path not in groups]
     previous = {
-        key: batch for group in (*found.values(), *map(_read_group, gone)) for key, batch in group.items()
+        key: batch
+        for group in (*found.values(), *map(_read_group, gone))
+        for key, batch in group.batches.items()
     }
     updated = {}
     for path, keys in groups.items():
-        if list(found[path]) != keys:
+        if list(found[path].batches) != keys:
             batches = {key: previous[key] if key in previous else _batch_of(store, key[0]) for key in keys}
             _write_group(path, batches)
             mapped = _read_group(path)
             # Another process may have written the group of other shards meanwhile.
-            updated[path] = mapped if list(mapped) == keys else batches
+            updated[path] = mapped if list(mapped.batches) == keys else _Group(batches)
     # The last one is where the boxes of all drives were before there were groups.
     for path in (*gone, store.index.with_name(f"index-{store.source}.arrow")):
         with suppress(OSError):
@@ -142,14 +161,15 @@ def _update(
     return updated
 
 
-def _read_group(path: Path) -> dict[DriveKey, pa.RecordBatch]:
+def _read_group(path: Path) -> _Group:
     """Return the batch of each drive; none where the file is missing, damaged or has other columns."""
     with suppress(OSError, pa.ArrowException, KeyError, ValueError, TypeError):
-        file = pa.ipc.open_file(pa.memory_map(os.fspath(path)))
+        mapped = MappedFile(path)
+        file = pa.ipc.open_file(pa.py_buffer(mapped.buffer))
         if file.schema.remove_metadata().equals(_schema([]).remove_metadata()):
             keys = [(name, digest) for name, digest in json.loads(file.schema.metadata[DRIVES_KEY])]
-            return {key: file.get_batch(number) for number, key in enumerate(keys)}
-    return {}
+            return _Group({key: file.get_batch(number) for number, key in enumerate(keys)}, mapped)
+    return _Group({})
 
 
 def _write_group(path: Path, batches: Mapping[DriveKey, pa.RecordBatch]) -> None:
