@@ -34,17 +34,15 @@ class ReadAhead:
     def get(self, key: Key, fetch: Callable[[], Path]) -> Path:
         """Return a part: the one that is being fetched, or by fetching it now."""
         mine: Future[Path] = Future()
-        with self._lock:
-            other = self._in_flight.get(key)
-            # One that only waits for its turn is fetched here, now.
-            if other is None or other.cancel():
-                other = None
-                self._in_flight[key] = mine
-        if other is not None:
-            # What went wrong there is met here again, and said.
-            with contextlib.suppress(UpvlError, OSError, CancelledError):
-                return other.result()
-            return fetch()
+        mine.set_running_or_notify_cancel()
+        while (other := self._begun(key, mine)) is not mine:
+            # One that only waits for its turn is fetched here, now. (To cancel calls `_done`: never under the lock.)
+            if not other.cancel():
+                # What went wrong there is met here again, and said.
+                with contextlib.suppress(UpvlError, OSError, CancelledError):
+                    return other.result()
+                return fetch()
+            self._done(key, other)
         try:
             path = fetch()
             mine.set_result(path)
@@ -83,6 +81,11 @@ class ReadAhead:
                 is_order = number - 2 * step in known
                 return [number + step * count for count in range(1, _AHEAD + 1)] if is_order else []
         return []
+
+    def _begun(self, key: Key, mine: Future[Path]) -> Future[Path]:
+        """Return what fetches a part: another that has begun, else `mine`."""
+        with self._lock:
+            return self._in_flight.setdefault(key, mine)
 
     def _done(self, key: Key, future: Future[Path]) -> None:
         with self._lock:
