@@ -33,7 +33,7 @@ BUCKET = "drives"
 
 
 def write_py123d(root: Path) -> None:
-    pytest.importorskip("py123d")
+    pytest.importorskip("py123d.api")
     from datasets.py123d import py123d_log
 
     py123d_log.write_log(root)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("py123d", reason="needs the extra py123d")
+pytest.importorskip("py123d.api", reason="needs the extra py123d")
 
 from py123d.api.scene.arrow.arrow_log_writer import SyncConfig
 from py123d.datatypes import (

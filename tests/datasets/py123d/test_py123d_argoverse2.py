@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow.feather
 import pytest
 
-pytest.importorskip("py123d", reason="needs the extra py123d")
+pytest.importorskip("py123d.api", reason="needs the extra py123d")
 pytest.importorskip("geopandas", reason="the library's converter needs it")
 
 from py123d.api.scene.arrow.arrow_log_writer import ArrowLogWriter

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-pytest.importorskip("py123d", reason="needs the extra py123d")
+pytest.importorskip("py123d.api", reason="needs the extra py123d")
 
 from py123d.datatypes import (
     CameraID,

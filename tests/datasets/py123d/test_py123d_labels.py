@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("py123d", reason="needs the extra py123d")
+pytest.importorskip("py123d.api", reason="needs the extra py123d")
 
 from py123d.datatypes import DefaultBoxDetectionLabel
 from py123d.geometry import PoseSE3, Vector3D

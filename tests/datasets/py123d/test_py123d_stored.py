@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("py123d", reason="needs the extra py123d")
+pytest.importorskip("py123d.api", reason="needs the extra py123d")
 
 from py123d.common.io.lidar.draco_lidar_io import encode_point_cloud_as_draco_binary
 from py123d.common.io.lidar.ipc_lidar_io import encode_point_cloud_as_ipc_binary
