@@ -20,8 +20,12 @@ FAMILY = DatasetFamily(_open)
 
 def _open_many(root: Path, config: None) -> Streets:
     """Return as many streets as the name of the folder has, each of so many frames: 60x3."""
+    return Streets(**_named(root))
+
+
+def _named(root: Path) -> dict[str, Any]:
     number, _, frames = root.name.partition("x")
-    return Streets(frames=int(frames), seeds=tuple(range(int(number))))
+    return {"frames": int(frames), "seeds": tuple(range(int(number)))}
 
 
 MANY = DatasetFamily(_open_many)
@@ -30,6 +34,11 @@ MANY = DatasetFamily(_open_many)
 def labels(root: Path, dataset: Any) -> StreetLabels:
     """Return the exact boxes of the streets."""
     return StreetLabels()
+
+
+def many_labels(root: Path, dataset: Any) -> StreetLabels:
+    """Return the exact boxes of as many streets as the name of the folder has."""
+    return StreetLabels(**_named(root))
 
 
 def true_flow(root: Path, dataset: Any) -> StreetFlow:
