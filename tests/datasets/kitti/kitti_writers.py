@@ -188,10 +188,12 @@ def object_line(
     else:
         floor = rect_from_ego[:3, :3] @ box[:3] + rect_from_ego[:3, 3] + [0, height / 2, 0]
         # The angle whose direction, in camera axes, is that of the heading seen from above.
-        angles = np.linspace(-np.pi, np.pi, 1_000_001)
-        along = np.column_stack([np.cos(angles), 0 * angles, -np.sin(angles)]) @ ego_from_rect.T
-        error = np.angle(np.exp(1j * (np.arctan2(along[:, 1], along[:, 0]) - box[6])))
-        angle = angles[np.abs(error).argmin()]
+        angle, reach = 0.0, np.pi
+        for _ in range(3):  # all angles first, then those about the best one
+            angles = angle + np.linspace(-reach, reach, 2001)
+            along = np.column_stack([np.cos(angles), 0 * angles, -np.sin(angles)]) @ ego_from_rect.T
+            error = np.angle(np.exp(1j * (np.arctan2(along[:, 1], along[:, 0]) - box[6])))
+            angle, reach = float(angles[np.abs(error).argmin()]), reach / 500
     values = [0, 0, 0, 1, 2, 3, 4, height, width, length, *floor, angle]
     return f"{kind} {' '.join(map(str, values))}{' 1' if about_lidar else ''}\n"
 
