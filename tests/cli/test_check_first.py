@@ -14,7 +14,7 @@ from command import ENVIRONMENT, ROOT, UPVL, fails, make_workspace, upvl
 @pytest.fixture(scope="module")
 def feet(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A workspace whose drive is in feet."""
-    folder = make_workspace(tmp_path_factory.mktemp("feet"))
+    folder = make_workspace(tmp_path_factory.mktemp("feet"), raw__dataset='"streets"', raw__root='"1x8"')
     with (folder / "stages" / "raw.toml").open("a") as file:
         file.write("\n[corrections]\nmetres_per_unit = 3.28\n")
     return folder

@@ -152,7 +152,10 @@ def test_odd_surroundings_change_no_picture_and_no_word(workspace: Path) -> None
     assert (done.returncode, done.stderr) == (0, "")
     assert {path.name: path.read_bytes() for path in pictures.iterdir()} == before
     (workspace / "matplotlibrc").write_bytes(b"\xff")
-    assert "matplotlib, which draws the pictures, does not start" in fails(workspace, *command)
+    done = upvl(workspace, *command)
+    assert done.returncode == 2
+    assert "matplotlib, which draws the pictures, does not start" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
 
 
 def test_tracks_are_scored(workspace: Path) -> None:

@@ -28,12 +28,19 @@ def true_mps() -> dict[int, np.ndarray]:
     return {frame.index: drive.truth(frame.index).velocity_mps for frame in drive.frames}
 
 
-def scored(folder: Path, flow_mps: Mapping[int, np.ndarray]) -> FlowScore:
-    """The score of a flow, by frame."""
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Workspace:
+    """A workspace with what flow is scored beside."""
+    folder = make_workspace(tmp_path_factory.mktemp("street"))
     workspace = Workspace(PIPELINE, folder / "stages", folder / "out")
-    odometry, ground, flow = (PIPELINE.by_name[name] for name in ("odometry", "ground", "flow"))
-    for stage in (odometry, ground):
+    for stage in (PIPELINE.by_name[name] for name in ("odometry", "ground")):
         make_shard(workspace, stage, SEGMENT, workspace.settings(stage), lambda: None)
+    return workspace
+
+
+def scored(workspace: Workspace, flow_mps: Mapping[int, np.ndarray]) -> FlowScore:
+    """The score of a flow, by frame."""
+    flow = PIPELINE.by_name["flow"]
     rows = [flow.row(SEGMENT, frame, values) for frame, values in flow_mps.items()]
     stamp = workspace.shard_stamp(flow, SEGMENT)
     write(workspace.shard("flow", SEGMENT), flow.row, rows, stamp=stamp, counts={})
@@ -42,8 +49,8 @@ def scored(folder: Path, flow_mps: Mapping[int, np.ndarray]) -> FlowScore:
     return score
 
 
-def test_the_true_flow_has_no_error(tmp_path: Path, true_mps: dict[int, np.ndarray]) -> None:
-    score = scored(make_workspace(tmp_path), true_mps)
+def test_the_true_flow_has_no_error(made: Workspace, true_mps: dict[int, np.ndarray]) -> None:
+    score = scored(made, true_mps)
     # Flow is stored with 11 bits: at 12 m/s to 0.004 m/s, which is 0.4 mm in 0.1 s.
     assert score.errors.three_way_epe_m < 5e-4
     assert score.errors.relaxed == 1.0
@@ -56,8 +63,8 @@ def test_the_true_flow_has_no_error(tmp_path: Path, true_mps: dict[int, np.ndarr
     assert score.objects.called_moving == 0
 
 
-def test_half_the_flow_is_half_wrong(tmp_path: Path, true_mps: dict[int, np.ndarray]) -> None:
-    score = scored(make_workspace(tmp_path), {frame: values / 2 for frame, values in true_mps.items()})
+def test_half_the_flow_is_half_wrong(made: Workspace, true_mps: dict[int, np.ndarray]) -> None:
+    score = scored(made, {frame: values / 2 for frame, values in true_mps.items()})
     assert score.mean_dynamic_error == pytest.approx(0.5, abs=0.01)
     assert score.errors.strict < 0.05  # of slow walkers: half of 0.1 m is within 5 cm
     assert [of.name for of in score.classes] == [

@@ -31,7 +31,8 @@ def labelled(tmp_path_factory: pytest.TempPathFactory) -> Path:
     make_workspace(folder)
     shutil.rmtree(folder / "stages")
     shutil.copytree(Path(__file__).parents[2] / "stages", folder / "stages")
-    set_value(folder, "raw", "dataset", '"street"')
+    set_value(folder, "raw", "dataset", '"streets"')
+    set_value(folder, "raw", "root", '"1x8"')
     set_value(folder, "pca", "images", "6")
     done = upvl(folder, "autolabel", "--all-motion")
     assert done.returncode == 0, done.stderr

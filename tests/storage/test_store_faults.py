@@ -59,6 +59,7 @@ def test_a_store_that_never_answers_gets_one_line(
     message = str(caught.value)
     assert message.startswith("s3://drives/run/a cannot be looked at: the store does not answer")
     assert "\n" not in message and caught.value.__cause__ is None and caught.value.__suppress_context__
+    assert SECRET not in message and KEY not in message
 
 
 def test_a_bucket_that_is_not_there_is_named(store: str) -> None:
@@ -96,7 +97,6 @@ def test_no_secret_is_in_what_a_run_leaves_or_says(server: Server, tmp_path: Pat
     texts = [done.stdout, done.stderr]
     for broken in (
         {"UPVL_OUT": "s3://no-such-bucket/x"},
-        {"AWS_ENDPOINT_URL": f"http://127.0.0.1:{free_port()}"},
         {"UPVL_OUT": f"s3://{KEY}:{SECRET}@drives/x"},
         {"AWS_REGION": SECRET, "AWS_ENDPOINT_URL": "no address"},
         {"UPVL_CACHE_GB": "many"},
