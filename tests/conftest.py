@@ -8,6 +8,9 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+# As `upvl` itself has it, before numpy is loaded; and a process a core runs tests already.
+for _library in ("OPENBLAS", "OMP"):
+    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 # Commands that a test starts find the street of the tests there, which is added by entry points.
 os.environ["PYTHONPATH"] = str(Path(__file__).parent)
 

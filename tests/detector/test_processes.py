@@ -96,6 +96,7 @@ def alone(tmp_path_factory: pytest.TempPathFactory) -> tuple[TrainState, dict[in
     return train(setup, TrainState(), save=nothing, tick=nothing), drawn(folder, "alone")
 
 
+@pytest.mark.slow
 def test_two_processes_killed_and_one_that_goes_on(
     alone: tuple[TrainState, dict[int, int]], tmp_path: Path
 ) -> None:

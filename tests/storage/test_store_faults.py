@@ -90,7 +90,7 @@ def test_a_full_disk_is_not_taken_for_a_store_that_fails(store: str) -> None:
 
 def test_no_secret_is_in_what_a_run_leaves_or_says(server: Server, tmp_path: Path) -> None:
     """Neither in shards, marks and logs, nor in what a run that fails prints."""
-    workspace = make_workspace(tmp_path / "work")
+    workspace = make_workspace(tmp_path / "work", raw__dataset='"streets"', raw__root='"1x2"')
     variables = {**server.variables, "UPVL_CACHE": str(tmp_path / "cache"), "UPVL_OUT": "s3://drives/secret"}
     done = upvl(workspace, "odometry", **variables)
     assert done.returncode == 0, done.stderr
