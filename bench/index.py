@@ -304,7 +304,13 @@ def _search(folder: Path, boxes: int, _: Sequence[Path]) -> None:
     vectors = open_vectors(store, index.drives, index.digests)
     took_s, took_cpu_s = time.perf_counter() - started_s, time.process_time() - started_cpu_s
     print(f"opened in {took_s:.2f} s, {took_cpu_s:.2f} CPU s, {len(vectors.files)} files of vectors")
-    warm = WarmStore(index.drives, lambda name: point_features(store, name), Ranking(store.basis), vectors)
+    warm = WarmStore(
+        index.drives,
+        lambda name: point_features(store, name),
+        Ranking(store.basis),
+        vectors,
+        index.release_features,
+    )
     recalls, times, cpu, plain = [], [], [], []
     for name, vocabulary, filters in _questions(workspace, config):
         if name not in expected:  # the part "exact" was stopped
