@@ -35,7 +35,7 @@ from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.query.classes import Classes, classes_from_phrases
 from upvl_cli.query.config import QueryConfig
 from upvl_cli.query.filters import Filters
-from upvl_cli.query.find import WarmStore, find, point_features
+from upvl_cli.query.find import WarmStore, find, open_warm_store
 from upvl_cli.query.groups import groups_of
 from upvl_cli.query.index import (
     Objects,
@@ -43,15 +43,12 @@ from upvl_cli.query.index import (
     _read_objects,
     _schema,
     _write_group,
-    indexed_objects,
-    open_index,
 )
 from upvl_cli.query.kinds import with_kinds
-from upvl_cli.query.ranking import Ranking
 from upvl_cli.query.run import query_config
 from upvl_cli.query.store import open_store
 from upvl_cli.query.vector_build import make_index
-from upvl_cli.query.vector_search import open_vectors
+from upvl_cli.query.vector_search import Vectors
 from upvl_cli.query.vocabulary import Vocabulary, build_vocabulary
 from upvl_cli.stages import classify
 from upvl_cli.stages.picture_rows import PcaRow
@@ -280,9 +277,7 @@ def _exact(folder: Path, _: int, __: Sequence[Path]) -> None:
     """Write the tracks that the exact ranking chooses for each question."""
     workspace = _workspace(folder)
     config, store = _config(workspace), open_store(workspace, "labels")
-    warm = WarmStore(
-        dict(indexed_objects(store)), lambda name: point_features(store, name), Ranking(store.basis)
-    )
+    warm = replace(open_warm_store(store, config), vectors=Vectors())
     path = folder / "exact.json"
     expected = json.loads(path.read_text()) if path.exists() else {}
     for name, vocabulary, filters in _questions(workspace, config):
@@ -300,17 +295,9 @@ def _search(folder: Path, boxes: int, _: Sequence[Path]) -> None:
     config, store = _config(workspace), open_store(workspace, "labels")
     expected = json.loads((folder / "exact.json").read_text())
     started_s, started_cpu_s = time.perf_counter(), time.process_time()
-    index = open_index(store)
-    vectors = open_vectors(store, index.drives, index.digests)
+    warm = open_warm_store(store, config)
     took_s, took_cpu_s = time.perf_counter() - started_s, time.process_time() - started_cpu_s
-    print(f"opened in {took_s:.2f} s, {took_cpu_s:.2f} CPU s, {len(vectors.files)} files of vectors")
-    warm = WarmStore(
-        index.drives,
-        lambda name: point_features(store, name),
-        Ranking(store.basis),
-        vectors,
-        index.release_features,
-    )
+    print(f"opened in {took_s:.2f} s, {took_cpu_s:.2f} CPU s, {len(warm.vectors.files)} files of vectors")
     recalls, times, cpu, plain = [], [], [], []
     for name, vocabulary, filters in _questions(workspace, config):
         if name not in expected:  # the part "exact" was stopped

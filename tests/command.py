@@ -48,6 +48,11 @@ def make_workspace(folder: Path, **values: str) -> Path:
     return folder
 
 
+def of_streets(drives: int, *, frames: int) -> dict[str, str]:
+    """Settings for `make_workspace`: some drives of the street, of so many frames each."""
+    return {"raw__dataset": '"streets"', "raw__root": f'"{drives}x{frames}"'}
+
+
 def values_in(tables: dict[str, Any], above: str = "") -> Iterator[tuple[str, str]]:
     """Each value of a TOML file as TOML, with its key: `travel.required` is `required` in the table `[travel]`."""
     for key, value in tables.items():

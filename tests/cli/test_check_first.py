@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from command import ENVIRONMENT, ROOT, UPVL, fails, make_workspace, upvl
+from command import ENVIRONMENT, ROOT, UPVL, fails, make_workspace, of_streets, upvl
 
 
 @pytest.fixture(scope="module")
 def feet(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A workspace whose drive is in feet."""
-    folder = make_workspace(tmp_path_factory.mktemp("feet"), raw__dataset='"streets"', raw__root='"1x8"')
+    folder = make_workspace(tmp_path_factory.mktemp("feet"), **of_streets(1, frames=8))
     with (folder / "stages" / "raw.toml").open("a") as file:
         file.write("\n[corrections]\nmetres_per_unit = 3.28\n")
     return folder

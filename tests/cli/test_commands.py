@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from command import ENVIRONMENT, ROOT, UPVL, fails, make_workspace, set_value, upvl
+from command import ENVIRONMENT, ROOT, UPVL, fails, make_workspace, of_streets, set_value, upvl
 from tiny_kitti import write_drive
 from upvl_cli.cli import run
 from upvl_cli.commands.pipeline import PIPELINE
@@ -25,7 +25,7 @@ from upvl_cli.stages import STAGES
 pytestmark = pytest.mark.xdist_group("cli")
 # One street, so long that things are tracked in it, and no longer.
 FRAMES = 8
-SHORT = {"raw__dataset": '"streets"', "raw__root": f'"1x{FRAMES}"'}
+SHORT = of_streets(1, frames=FRAMES)
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +70,7 @@ def test_labels_and_summary(labelled: Path) -> None:
 
 
 def test_one_drive_of_two_is_labelled_and_told_of(tmp_path: Path) -> None:
-    two = make_workspace(tmp_path, raw__dataset='"streets"', raw__root='"2x2"')
+    two = make_workspace(tmp_path, **of_streets(2, frames=2))
     assert "see: upvl segments" in fails(two, "summary", "--segment", "street-2")
     assert "run: make nms" in fails(two, "summary")
     done = upvl(two, "autolabel", "--moving-only", "--segment", "street-0")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +16,8 @@ from upvl_cli.pipeline.tables import Table
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.query.classes import Classes, classes_from_phrases
 from upvl_cli.query.filters import Filters
-from upvl_cli.query.find import Hits, QueryResult, WarmStore, best_first, find, point_features
-from upvl_cli.query.index import indexed_objects, open_index
-from upvl_cli.query.ranking import Ranking
+from upvl_cli.query.find import Hits, QueryResult, best_first, find, open_warm_store
+from upvl_cli.query.index import indexed_objects
 from upvl_cli.query.store import Store, open_store
 from upvl_cli.query.vocabulary import Vocabulary, build_vocabulary
 
@@ -116,15 +115,9 @@ def test_the_threshold_is_of_share_times_confidence(made: Workspace) -> None:
 
 
 def test_a_search_gives_back_the_features_that_it_has_ranked(made: Workspace) -> None:
-    store = open_store(made, None)
-    index, released = open_index(store), list[str]()
-    warm = WarmStore(
-        index.drives,
-        lambda segment: point_features(store, segment),
-        Ranking(store.basis),
-        release=released.append,
-    )
-    find(store, vocabulary_of(made, "car"), Filters(), config(made, search=True), warm)
+    store, search, released = open_store(made, None), config(made, search=True), list[str]()
+    warm = replace(open_warm_store(store, search), release=released.append)
+    find(store, vocabulary_of(made, "car"), Filters(), search, warm)
     assert sorted(released) == ["one", "two", "void"]
 
 

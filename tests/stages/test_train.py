@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from command import UPVL, fails, make_workspace, set_value, upvl
+from command import UPVL, fails, make_workspace, of_streets, set_value, upvl
 from upvl_cli.commands.pipeline import PIPELINE
 from upvl_cli.evaluation.gather import gather
 from upvl_cli.geometry.boxes import points_inside
@@ -26,7 +26,7 @@ SEGMENT = "street-0"
 # One process runs them all: what they share is made once.
 pytestmark = pytest.mark.xdist_group("train")
 TINY = {
-    "raw__dataset": '"streets"', "raw__root": '"1x6"',
+    **of_streets(1, frames=6),
     "extract-vl__images": '"all"', "pca__images": "2", "detect__min_score": "0.0", "detect__max_boxes": "20",
     "train__steps": "6", "train__check_steps": "2", "train__width": "8", "train__pillar_m": "0.8",
     "train__pasted_objects": "2", "train__batch": "2",

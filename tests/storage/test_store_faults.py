@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from command import ENVIRONMENT, make_workspace, upvl
+from command import ENVIRONMENT, make_workspace, of_streets, upvl
 from object_store import FAULTS, KEY, SECRET, FaultyProxy, Server, free_port, use_store, variables_of
 from upvl_cli.errors import StorageError
 from upvl_cli.pipeline.storage import faults, lease
@@ -90,13 +90,14 @@ def test_a_full_disk_is_not_taken_for_a_store_that_fails(store: str) -> None:
 
 def test_no_secret_is_in_what_a_run_leaves_or_says(server: Server, tmp_path: Path) -> None:
     """Neither in shards, marks and logs, nor in what a run that fails prints."""
-    workspace = make_workspace(tmp_path / "work", raw__dataset='"streets"', raw__root='"1x2"')
+    workspace = make_workspace(tmp_path / "work", **of_streets(1, frames=2))
     variables = {**server.variables, "UPVL_CACHE": str(tmp_path / "cache"), "UPVL_OUT": "s3://drives/secret"}
     done = upvl(workspace, "odometry", **variables)
     assert done.returncode == 0, done.stderr
     texts = [done.stdout, done.stderr]
     for broken in (
         {"UPVL_OUT": "s3://no-such-bucket/x"},
+        {"AWS_ENDPOINT_URL": f"http://127.0.0.1:{free_port()}"},
         {"UPVL_OUT": f"s3://{KEY}:{SECRET}@drives/x"},
         {"AWS_REGION": SECRET, "AWS_ENDPOINT_URL": "no address"},
         {"UPVL_CACHE_GB": "many"},

@@ -122,7 +122,7 @@ def find(
     counts: Counter[str] = Counter()
     parts = []
     if warm is None:
-        warm = _opened(store, config)
+        warm = open_warm_store(store, config)
     considered = _considered(store, warm, filters, config, counts)
     candidates, ranking = _candidates(warm, store.basis, vocabulary, considered, config)
     if config.search:
@@ -140,7 +140,13 @@ def find(
     return QueryResult(best_first(concat(parts, Hits)), counts, ranking)
 
 
-def _opened(store: Store, config: QueryConfig) -> WarmStore:
+def open_warm_store(store: Store, config: QueryConfig) -> WarmStore:
+    """Return the boxes of a store, as a search takes them; errors as of `open_index`.
+
+    Args:
+        store: The stored boxes.
+        config: Says whether boxes will be searched.
+    """
     index = open_index(store)
     vectors = open_vectors(store, index.drives, index.digests) if config.search else Vectors()
     return WarmStore(
