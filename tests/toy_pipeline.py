@@ -146,7 +146,12 @@ def numbers_workspace(folder: Path, drives: int) -> Workspace:
     (stages / "raw.toml").write_text(f'dataset = "numbers"\nroot = "{folder / "raw"}"\nsegments = []\n')
     for stage in STAGES:
         (stages / f"{stage.name}.toml").write_text("factor = 2.0\n" if stage.name == "times" else "")
-    return Workspace(NUMBERS, stages, folder / "out")
+    return open_numbers(folder)
+
+
+def open_numbers(folder: Path) -> Workspace:
+    """Open a workspace that `numbers_workspace` made."""
+    return Workspace(NUMBERS, folder / "stages", folder / "out")
 
 
 def numbered_shards(workspace: Workspace) -> dict[str, bytes]:

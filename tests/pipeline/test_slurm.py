@@ -113,10 +113,14 @@ def test_shards_of_a_command(workspace: Path) -> None:
 
 @pytest.mark.slow
 def test_an_array_on_this_machine(workspace: Path) -> None:
-    line = fails(workspace, "ground", "--on", "slurm:local", "--slurm", "tasks=2")
+    on_queue = ("--on", "slurm:local", "--slurm", "tasks=2")
+    line = upvl(workspace, "ground", *on_queue).stderr
     assert "3 of 3 drives failed" in line  # its input is not there
     assert "ground needs out/odometry/2011_09_26_drive_0001_sync.parquet" in line
-    line = fails(workspace, "odometry", "--on", "slurm:local", "--slurm", "tasks=2")
+    failed = upvl(workspace, "odometry", *on_queue)
+    assert failed.returncode == 2
+    (line,) = failed.stderr.splitlines()
+    assert "1 of 3 drives failed" in line
     assert "0000000001.bin" in line
     made = [path.stem for path in sorted((workspace / "out" / "odometry").glob("*.parquet"))]
     assert made == ["2011_09_26_drive_0001_sync", "2011_09_26_drive_0003_sync"]

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import difflib
+import sys
 from collections.abc import Sequence
 
 from upvl_cli.errors import BadSetting
 from upvl_cli.pipeline.executors.base import Executor
+from upvl_cli.pipeline.executors.job_array import QueueCommand
 from upvl_cli.pipeline.executors.processes import ProcessExecutor
 from upvl_cli.pipeline.executors.serial import SerialExecutor
 from upvl_cli.pipeline.executors.slurm_options import SlurmOptions
-from upvl_cli.pipeline.executors.slurm_queue import QueueCommand, SlurmExecutor
+from upvl_cli.pipeline.executors.slurm_queue import SlurmExecutor
 from upvl_cli.runtime.parallel import threads
 
 SERIAL, PROCESSES, RAY, SLURM = "serial", "processes", "ray", "slurm"
@@ -67,7 +69,9 @@ def queue_command(text: str, command: Sequence[str], slurm: str) -> QueueCommand
     if text not in (SLURM, f"{SLURM}:local"):
         raise BadSetting(f"--on {text!r}: expected slurm, or slurm:local to run the array on this machine")
     words = without_place(command)
-    return QueueCommand(words, SlurmOptions.parse(slurm), is_local=text != SLURM)
+    return QueueCommand(
+        (sys.executable, "-m", "upvl_cli"), words, SlurmOptions.parse(slurm), is_local=text != SLURM
+    )
 
 
 def without_place(command: Sequence[str]) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ from upvl_cli.errors import UpvlError
 from upvl_cli.pipeline.catalog.catalog import Reading
 from upvl_cli.pipeline.catalog.tasks import fresh_segments
 from upvl_cli.pipeline.executors.base import Executor, Failed, Unwatched, Watch, Work
+from upvl_cli.pipeline.executors.reports import reporting
 from upvl_cli.pipeline.executors.serial import SerialExecutor
 from upvl_cli.pipeline.pipeline import AnyStage
 from upvl_cli.pipeline.runner import Made, claim_folder
@@ -51,7 +52,7 @@ def run_all(
         for segment in (name for name in segments if name in fresh):
             yield from (Made.found_fresh(stage.name, segment) for stage in stages if not stage.is_of_dataset)
     work = Work(workspace, tuple(stages), left, settings, segments)
-    for event in (executor or SerialExecutor()).run(work, watch):
+    for event in reporting(executor or SerialExecutor()).run(work, watch):
         if isinstance(event, Failed):
             failures[event.segment] = event.error
             watch.failed(event)

@@ -37,3 +37,16 @@ class Share:
     def of(self, segments: Sequence[str]) -> list[str]:
         """Return the drives of this share; none where there are more shares than drives."""
         return sorted(segments)[self.number - 1 :: self.count]
+
+    def without(self, segment: str, segments: Sequence[str]) -> list[Share]:
+        """Return shares that have the drives of this one, but for one drive; none where it has no other.
+
+        Args:
+            segment: The drive that is left out.
+            segments: All drives that are shared out.
+        """
+        halves = (Share(self.number, 2 * self.count), Share(self.number + self.count, 2 * self.count))
+        kept: list[Share] = []
+        for half in halves if len(self.of(segments)) > 1 else ():
+            kept += half.without(segment, segments) if segment in half.of(segments) else [half]
+        return kept

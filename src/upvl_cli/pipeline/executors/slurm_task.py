@@ -9,27 +9,28 @@ import subprocess
 import sys
 from pathlib import Path
 
+from upvl_cli.pipeline.executors.reports import REPORTS_VARIABLE
 from upvl_cli.runtime.atomic import atomic_file
 from upvl_cli.runtime.parallel import THREADS_VARIABLE
 
 _SHOWN_CHARACTERS = 2000
 
 
-def run_command(command: list[str], folder: str, cores: str, result: str) -> None:
-    """Run an `upvl` command, and write how it ended.
+def run_command(command: list[str], folder: str, cores: str, result: str, reports: str) -> None:
+    """Run a command, and write how it ended.
 
     Takes texts alone, because submitit keeps its arguments in a file and reads them again.
 
     Args:
-        command: The words after `upvl`.
+        command: Its words.
         folder: Where to run it.
         cores: Threads that a stage may use.
         result: Path of the file of the exit code and of the last line that it wrote to standard error.
+        reports: Path of the file of what it is at.
     """
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
-    environment = {**os.environ, THREADS_VARIABLE: cores}
-    words = [sys.executable, "-m", "upvl_cli", *command]
-    with subprocess.Popen(words, cwd=folder, env=environment, stderr=subprocess.PIPE, text=True) as process:
+    environment = {**os.environ, THREADS_VARIABLE: cores, REPORTS_VARIABLE: reports}
+    with subprocess.Popen(command, cwd=folder, env=environment, stderr=subprocess.PIPE, text=True) as process:
         try:
             _, errors = process.communicate()
         except BaseException:
