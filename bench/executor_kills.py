@@ -57,6 +57,8 @@ class Run:
         """
         self.given, self.folder, self.out = given, folder, out
         self.environment = {**os.environ, **environment, MARK: str(os.getpid())}
+        if given.on == "slurm":
+            self.environment["UPVL_THREADS"] = "2"  # of the driver: as many tasks, with one core each
         self.random = random.Random(given.seed)
         self.cluster: Any = None
         self.started = Counter[str]()
@@ -67,8 +69,12 @@ class Run:
         if self.given.on == "shards":
             count = max(2, self.given.drives // 10)
             return [[*words, "--shard", f"{number}/{count}"] for number in range(1, count + 1)]
-        places = {"ray": "ray", "slurm": "slurm:local", "processes": "processes:2"}
-        return [[*words, "--on", places[self.given.on]]]
+        places = {
+            "ray": ["ray"],
+            "slurm": ["slurm:local", "--slurm", "cpus=1"],
+            "processes": ["processes:2"],
+        }
+        return [[*words, "--on", *places[self.given.on]]]
 
     def start(self, words: list[str]) -> subprocess.Popen[str]:
         """Start a command in the workspace."""

@@ -114,6 +114,17 @@ def square(inputs: Inputs, config: EmptyConfig) -> Iterator[NumberRow]:
     yield NumberRow(inputs.segment, 0, inputs.table("share", NumberRow)[0].number ** 2)
 
 
+def check_number(workspace: Workspace, segment: str) -> Iterator[str]:
+    """Check a drive as files beside it say, and count how often it was asked."""
+    raw = workspace.out.parent / "raw"
+    with (raw / f"checked-{segment}").open("a") as file:
+        file.write("1")
+    if (raw / f"odd-{segment}").exists():
+        yield f"warning: {segment} is odd"
+    if (raw / f"faulty-{segment}").exists():
+        raise BadSetting(f"{segment} is faulty")
+
+
 def numbers_of(name: str) -> NumbersFamily:
     if name != "numbers":
         raise BadSetting(f"unknown dataset {name!r}")

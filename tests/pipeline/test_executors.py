@@ -8,9 +8,18 @@ from pathlib import Path
 
 import pytest
 
-from toy_pipeline import STAGES, numbered_shards, numbers_workspace
+from toy_pipeline import STAGES, check_number, numbered_shards, numbers_workspace
 from upvl_cli.errors import BadSetting, UpvlError
-from upvl_cli.pipeline.executors.base import ATTEMPTS, Executor, Started, Unwatched
+from upvl_cli.pipeline.executors.base import (
+    ATTEMPTS,
+    Executor,
+    Failed,
+    FirstCheck,
+    Started,
+    Unwatched,
+    Warned,
+    Watch,
+)
 from upvl_cli.pipeline.executors.choose import choose
 from upvl_cli.pipeline.executors.processes import ProcessExecutor
 from upvl_cli.pipeline.executors.run import run_all
@@ -20,8 +29,14 @@ from upvl_cli.pipeline.runner import Made
 from upvl_cli.pipeline.workspace import Workspace
 
 
-def run(workspace: Workspace, executor: Executor, watch: Unwatched | None = None) -> list[Made]:
-    return list(run_all(workspace, STAGES, workspace.segments, overrides={}, executor=executor, watch=watch))
+def run(
+    workspace: Workspace, executor: Executor, watch: Watch | None = None, check: FirstCheck | None = None
+) -> list[Made]:
+    return list(
+        run_all(
+            workspace, STAGES, workspace.segments, overrides={}, executor=executor, watch=watch, check=check
+        )
+    )
 
 
 def logged(workspace: Workspace) -> Counter[tuple[str, str]]:
@@ -40,10 +55,22 @@ def expected(tmp_path: Path) -> dict[str, bytes]:
 
 class Listener(Unwatched):
     def __init__(self) -> None:
-        self.where: set[str] = set()
+        self.begun_shards: list[Started] = []
+        self.texts: list[str] = []
+        self.failed_at: list[tuple[str, str]] = []
+
+    @property
+    def where(self) -> set[str]:
+        return {started.where for started in self.begun_shards}
 
     def started(self, started: Started) -> None:
-        self.where.add(started.where)
+        self.begun_shards.append(started)
+
+    def warned(self, warned: Warned) -> None:
+        self.texts.append(warned.text)
+
+    def failed(self, failed: Failed) -> None:
+        self.failed_at.append((failed.stage, failed.segment))
 
 
 def test_processes_make_the_same_bytes_and_report_each_shard(
@@ -98,7 +125,32 @@ def test_a_drive_that_kills_every_process_fails_and_the_others_go_on(tmp_path: P
     ]
 
 
-@pytest.mark.parametrize("executor", [SerialExecutor(), ProcessExecutor(2)])
+@pytest.mark.parametrize("executor", [SerialExecutor(), ProcessExecutor(2)], ids=["serial", "processes"])
+def test_each_drive_is_checked_once_before_it_is_begun(tmp_path: Path, executor: Executor) -> None:
+    workspace, watch = numbers_workspace(tmp_path / "w", 6), Listener()
+    for name in ("odd-drive-001", "odd-drive-002", "faulty-drive-002"):
+        (tmp_path / "w" / "raw" / name).touch()
+    with pytest.raises(UpvlError, match=r"1 of 6 drives failed.*drive-002: drive-002 is faulty"):
+        run(workspace, executor, watch, check_number)
+    assert sorted(watch.texts) == ["warning: drive-001 is odd", "warning: drive-002 is odd"]
+    assert watch.failed_at == [("check", "drive-002")]
+    assert {segment for _, segment in logged(workspace)} == {f"drive-00{n}" for n in (0, 1, 3, 4, 5)} | {
+        "all"
+    }
+    checked = [path.read_text() for path in sorted((tmp_path / "w" / "raw").glob("checked-*"))]
+    assert checked == ["1"] * 6
+
+
+def test_where_every_drive_is_faulty_nothing_is_made(tmp_path: Path) -> None:
+    workspace = numbers_workspace(tmp_path / "w", 2)
+    for drive in workspace.segments:
+        (tmp_path / "w" / "raw" / f"faulty-{drive}").touch()
+    with pytest.raises(UpvlError, match="2 of 2 drives failed"):
+        run(workspace, SerialExecutor(), check=check_number)
+    assert not list(workspace.out.glob("*/*.parquet"))
+
+
+@pytest.mark.parametrize("executor", [SerialExecutor(), ProcessExecutor(2)], ids=["serial", "processes"])
 def test_a_drive_that_cannot_be_read_is_told_and_the_others_are_done(
     tmp_path: Path, executor: Executor
 ) -> None:

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections import Counter
 from pathlib import Path
 
 import pytest
+from test_executors import Listener, logged, run
 
-from toy_pipeline import STAGES, numbered_shards, numbers_workspace
+from toy_pipeline import check_number, numbered_shards, numbers_workspace
 from upvl_cli.errors import UpvlError
-from upvl_cli.pipeline.executors.base import ATTEMPTS, Executor, Failed, Started, Unwatched, Watch
+from upvl_cli.pipeline.executors.base import ATTEMPTS, Failed, Started, Warned
 from upvl_cli.pipeline.executors.job_array import QueueCommand
 from upvl_cli.pipeline.executors.reports import ReportingExecutor, ReportReader
-from upvl_cli.pipeline.executors.run import run_all
 from upvl_cli.pipeline.executors.serial import SerialExecutor
 from upvl_cli.pipeline.executors.share import Share
 from upvl_cli.pipeline.executors.slurm_options import SlurmOptions
@@ -26,29 +25,10 @@ DRIVES = 6
 TESTS = Path(__file__).parents[1]
 
 
-class Listener(Unwatched):
-    """Keeps what has begun."""
-
-    def __init__(self) -> None:
-        self.started_shards: list[Started] = []
-
-    def started(self, started: Started) -> None:
-        self.started_shards.append(started)
-
-
-def run(workspace: Workspace, executor: Executor, watch: Watch | None = None) -> list[Made]:
-    return list(run_all(workspace, STAGES, workspace.segments, overrides={}, executor=executor, watch=watch))
-
-
 def array_of(workspace: Workspace, tasks: int = 2) -> SlurmExecutor:
     """An array on this machine that makes the shards of a workspace."""
     program = (sys.executable, "-m", "numbers_command", str(workspace.out.parent))
     return SlurmExecutor(QueueCommand(program, (), SlurmOptions(tasks=tasks), is_local=True))
-
-
-def times_made(workspace: Workspace) -> Counter[tuple[str, str]]:
-    lines = (workspace.out / "runs.jsonl").read_text().splitlines()
-    return Counter((line["stage"], line["segment"]) for line in map(json.loads, lines))
 
 
 @pytest.fixture
@@ -77,18 +57,22 @@ def test_a_share_without_one_drive_is_shares_of_all_the_others() -> None:
 
 def test_a_task_reports_what_it_is_at(workspace: Workspace, tmp_path: Path) -> None:
     expect(workspace, "fail", 2, 1)
+    expect(workspace, "odd", 1, 1)
     path, listener = tmp_path / "reports.jsonl", Listener()
     reader = ReportReader(path, "job 7")
     assert not list(reader.new())  # the task has not begun
     with pytest.raises(UpvlError, match="drive-002 cannot be read"):
-        run(workspace, ReportingExecutor(SerialExecutor(), path), listener)
+        run(workspace, ReportingExecutor(SerialExecutor(), path), listener, check_number)
     events = list(reader.new())
     assert [event for event in events if isinstance(event, Started)] == [
-        Started(started.stage, started.segment, "job 7") for started in listener.started_shards
+        Started(started.stage, started.segment, "job 7") for started in listener.begun_shards
     ]
     made = [event for event in events if isinstance(event, Made)]
     assert Counter(shard.stage for shard in made) == {"times": 5, "count": 1, "share": 5, "square": 5}
     assert not any(shard.fresh for shard in made)
+    assert [event for event in events if isinstance(event, Warned)] == [
+        Warned("drive-001", "warning: drive-001 is odd")
+    ]
     (failed,) = (event for event in events if isinstance(event, Failed))
     assert (failed.stage, failed.segment) == ("times", "drive-002")
     assert isinstance(failed.error, UpvlError)
@@ -118,7 +102,7 @@ def test_a_task_that_goes_on_between_its_ends_is_not_given_up(workspace: Workspa
     made = run(workspace, array_of(workspace, tasks=1))
     assert len(made) == 3 * DRIVES + 1
     assert numbered_shards(workspace) == numbered_shards(serial)
-    assert set(times_made(workspace).values()) == {1}
+    assert set(logged(workspace).values()) == {1}
 
 
 @pytest.mark.slow
@@ -149,4 +133,4 @@ def test_a_drive_that_ends_every_task_fails_and_the_others_go_on(workspace: Work
         run(workspace, array_of(workspace))
     assert (workspace.out.parent / "raw" / "kill-drive-001").read_text() == str(100 - ATTEMPTS)
     assert len(list((workspace.out / "square").glob("*.parquet"))) == DRIVES - 2
-    assert set(times_made(workspace).values()) == {1}
+    assert set(logged(workspace).values()) == {1}

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from test_executors import Listener, logged, run
 
-from toy_pipeline import numbered_shards, numbers_workspace
+from toy_pipeline import check_number, numbered_shards, numbers_workspace
 from upvl_cli.errors import BadSetting, UpvlError
 from upvl_cli.pipeline.executors.base import ATTEMPTS
 from upvl_cli.pipeline.executors.choose import choose
@@ -73,12 +73,15 @@ def test_lost_workers_are_replaced_and_nothing_finished_is_made_again(
 def test_a_drive_that_kills_every_worker_fails_and_the_others_go_on(tmp_path: Path, cluster: Any) -> None:
     workspace = numbers_workspace(tmp_path / "w", DRIVES)
     (tmp_path / "w" / "raw" / "kill-drive-001").write_text("100")
-    (tmp_path / "w" / "raw" / "fail-drive-002").write_text("1")
+    (tmp_path / "w" / "raw" / "faulty-drive-002").touch()
+    (tmp_path / "w" / "raw" / "odd-drive-003").touch()
     message = (
         f"2 of 6 drives failed.*times: its worker was lost .* {ATTEMPTS} times in drive-001; see.*drive-002"
     )
+    listener = Listener()
     with pytest.raises(UpvlError, match=message):
-        run(workspace, RayExecutor(None))
+        run(workspace, RayExecutor(None), listener, check_number)
+    assert listener.texts == ["warning: drive-003 is odd"]
     assert len(list((workspace.out / "square").glob("*.parquet"))) == DRIVES - 2
 
 
@@ -93,11 +96,13 @@ def test_a_lost_node_loses_no_drive(tmp_path: Path, cluster: Any, expected: dict
     class NodeKiller(Listener):
         """Kills the node that has two cores when three drives hang: one of them at least hangs there."""
 
+        has_killed = False
+
         def started(self, started: Any) -> None:
-            self.where.add(started.segment)
+            super().started(started)
             hanging = {"drive-000", "drive-001", "drive-002"}
-            if hanging <= self.where and not self.where & {"killed"}:
-                self.where.add("killed")
+            if not self.has_killed and hanging <= {begun.segment for begun in self.begun_shards}:
+                self.has_killed = True
                 for path in (tmp_path / "w" / "raw").glob("wait-*"):
                     path.write_text("0")
                 for node in list(cluster.worker_nodes):

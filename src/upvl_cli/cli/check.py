@@ -100,28 +100,6 @@ def warn_of_labels(workspace: Workspace, segments: Sequence[str] | None) -> None
                 print(f"{finding.level}: {name}: {finding.sentence}", file=sys.stderr)
 
 
-def check_first(workspace: Workspace, segments: Sequence[str] | None, *, anyway: bool) -> None:
-    """Ask the quick part of the check before drives are labelled; print what is suspicious.
-
-    Raises:
-        FaultyDrive: A drive has a fault, and nothing was said of going on anyway.
-    """
-    from upvl_cli.commands.drive_check import quick_report, refuse_faults
-
-    reports = []
-    for name in segments or workspace.segments:
-        workspace.check_name(name, workspace.segments)
-        try:
-            reports.append(quick_report(workspace, name))
-        except BadInput:  # a drive that cannot be read is told by the first stage, and the others go on
-            continue
-        for finding in reports[-1].findings:
-            if finding.level in ("warning", "fault"):
-                print(f"{finding.level}: {name}: {finding.sentence}", file=sys.stderr)
-    if not anyway:
-        refuse_faults(reports)
-
-
 def _print_report(report: CheckReport) -> None:
     if not sys.stdout.isatty():
         print(report.segment)

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from upvl_cli.cli.application import On, ScriptOnly, Segments, ShardOption, Slurm, Workers, app
-from upvl_cli.cli.check import Anyway, check_first
+from upvl_cli.cli.check import Anyway
 from upvl_cli.cli.cost_options import (
     CpuPrice,
     Drives,
@@ -58,7 +58,7 @@ def autolabel(
     dry_run: ScriptOnly = False,
     anyway: Anyway = False,
 ) -> None:
-    """Check the drives quickly, then label them: all stages that make labels in order, then a summary."""
+    """Check each drive quickly, then label it: all stages that make labels in order, then a summary."""
     if moving_only is None:
         raise BadSetting("say which objects to label: upvl autolabel --moving-only, or --all-motion")
     from upvl_cli.pipeline.presets import with_preset
@@ -71,12 +71,11 @@ def autolabel(
         return
     if dry_run:
         raise BadSetting("--dry-run prints the script of a queue: give it with --on slurm")
-    options.executor()  # a misspelt one is refused before the drives are checked
-    chosen = options.chosen(context.obj)
-    if chosen and not options.is_queued:  # each task of a queue checks its own share
-        check_first(context.obj, chosen, anyway=anyway)
-    run_stages(context.obj, context.obj.pipeline.labelling_stages, options, {})
-    if chosen:
+    from upvl_cli.commands.first_check import first_check
+
+    check = first_check(context.obj, anyway=anyway)
+    run_stages(context.obj, context.obj.pipeline.labelling_stages, options, {}, check)
+    if chosen := options.chosen(context.obj):
         summary(context, segment if shard is None else chosen)
 
 

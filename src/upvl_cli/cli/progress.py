@@ -15,7 +15,7 @@ from rich.live import Live
 from rich.table import Table
 
 from upvl_cli.commands.status import StageStatus
-from upvl_cli.pipeline.executors.base import Failed, Started
+from upvl_cli.pipeline.executors.base import Failed, Started, Warned
 from upvl_cli.pipeline.runner import Made
 
 _SHOWN_WORKERS = 12  # more would leave no room on a terminal
@@ -73,6 +73,13 @@ class Progress:
         """Note what a worker has begun with."""
         self._workers.pop(started.where, None)  # the last that began stands last
         self._workers[started.where] = f"{started.stage} {started.segment}"
+
+    def warned(self, warned: Warned) -> None:
+        """Print what is suspicious in a drive."""
+        if self._live:
+            self._display.console.print(warned.text, markup=False, highlight=False, soft_wrap=True)
+        else:
+            print(warned.text, file=sys.stderr)
 
     def failed(self, failed: Failed) -> None:
         """Count a drive that failed."""

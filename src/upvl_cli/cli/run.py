@@ -12,7 +12,7 @@ from upvl_cli.pipeline.pipeline import AnyStage
 from upvl_cli.pipeline.workspace import Workspace
 
 if TYPE_CHECKING:
-    from upvl_cli.pipeline.executors.base import Executor
+    from upvl_cli.pipeline.executors.base import Executor, FirstCheck
 
 
 @dataclass(frozen=True)
@@ -83,9 +83,21 @@ class RunOptions:
 
 
 def run_stages(
-    workspace: Workspace, stages: Sequence[AnyStage], options: RunOptions, overrides: Mapping[str, object]
+    workspace: Workspace,
+    stages: Sequence[AnyStage],
+    options: RunOptions,
+    overrides: Mapping[str, object],
+    check: FirstCheck | None = None,
 ) -> None:
-    """Make the shards of stages: a live display on a terminal, one line a shard elsewhere."""
+    """Make the shards of stages: a live display on a terminal, one line a shard elsewhere.
+
+    Args:
+        workspace: The workspace of the shards.
+        stages: The stages, each after those it reads.
+        options: Which drives, and where.
+        overrides: Values of the command line, for a single stage.
+        check: What is asked of each drive before its first stage; None asks nothing.
+    """
     from upvl_cli.cli.progress import Progress
     from upvl_cli.pipeline.executors.run import run_all
 
@@ -105,6 +117,7 @@ def run_stages(
             overrides=overrides,
             executor=executor,
             watch=progress,
+            check=check,
             part=(options.shard or "").replace("/", "-of-"),
         ):
             progress.done(made)

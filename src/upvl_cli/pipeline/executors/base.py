@@ -48,12 +48,25 @@ class Place:
         return Workspace(self.pipeline, self.stages, self.out, self.preset)
 
 
+# What is asked of a drive before anything is made of it: yields what is suspicious, a line each, and raises UpvlError
+# where the drive is not to be gone on with. A function of a module, or a partial of one: other processes are sent it.
+FirstCheck = Callable[[Workspace, str], Iterable[str]]
+CHECK = "check"  # its name among those of stages
+
+
 @dataclass(frozen=True)
 class Job:
-    """Consecutive stages of one drive, or of the whole dataset: one shard for each stage."""
+    """Consecutive stages of one drive, or of the whole dataset: one shard for each stage.
+
+    Attributes:
+        segment: The drive.
+        stages: Names of the stages.
+        check: What is asked of the drive before them; None asks nothing.
+    """
 
     segment: str
     stages: tuple[str, ...]
+    check: FirstCheck | None = None
 
 
 @dataclass(frozen=True)
@@ -63,6 +76,14 @@ class Started:
     stage: str
     segment: str
     where: str
+
+
+@dataclass(frozen=True)
+class Warned:
+    """Something suspicious in a drive that is gone on with."""
+
+    segment: str
+    text: str
 
 
 @dataclass(frozen=True)
@@ -83,6 +104,9 @@ class Watch(Protocol):
     def started(self, started: Started) -> None:
         """Note what a worker has begun with."""
 
+    def warned(self, warned: Warned) -> None:
+        """Note what is suspicious in a drive."""
+
     def failed(self, failed: Failed) -> None:
         """Note a drive that failed."""
 
@@ -94,6 +118,9 @@ class Unwatched:
         """Count nothing."""
 
     def started(self, started: Started) -> None:
+        """Note nothing."""
+
+    def warned(self, warned: Warned) -> None:
         """Note nothing."""
 
     def failed(self, failed: Failed) -> None:
@@ -111,6 +138,7 @@ class Work:
         settings: Values of each stage, by its name.
         chosen: Names of the drives of the command, those included that are known to be fresh; a queue, whose tasks run
             the command in shares, counts its shares over them. Empty where they are `segments`.
+        check: What is asked of each drive before its first stage; None asks nothing.
     """
 
     workspace: Workspace
@@ -118,6 +146,7 @@ class Work:
     segments: Sequence[str]
     settings: Mapping[str, Config]
     chosen: Sequence[str] = ()
+    check: FirstCheck | None = None
 
 
 class Executor(Protocol):
@@ -142,10 +171,14 @@ def run_by_scope(
             made; ends when all are done.
     """
     failed: set[str] = set()
+    check = work.check
     for is_of_dataset, group in groupby(work.stages, key=lambda stage: stage.is_of_dataset):
+        if failed and len(failed) == len(work.segments):
+            return
         names = tuple(stage.name for stage in group)
         segments = [WHOLE_DATASET] if is_of_dataset else work.segments
-        for event in run_jobs(Job(segment, names) for segment in segments if segment not in failed):
+        asked, check = (None, check) if is_of_dataset else (check, None)
+        for event in run_jobs(Job(segment, names, asked) for segment in segments if segment not in failed):
             if isinstance(event, Failed):
                 if is_of_dataset:
                     raise event.error
@@ -155,8 +188,8 @@ def run_by_scope(
 
 def run_job(
     workspace: Workspace, job: Job, settings: Mapping[str, Config], where: str, tick: Tick
-) -> Iterator[Started | Made | Failed]:
-    """Make the shards of a job, in this process; a failure that a user can mend ends it.
+) -> Iterator[Started | Warned | Made | Failed]:
+    """Check the drive of a job and make its shards, in this process; a failure that a user can mend ends it.
 
     Args:
         workspace: The workspace of the shards.
@@ -165,6 +198,14 @@ def run_job(
         where: Name of the worker, for those who watch.
         tick: Called after each frame.
     """
+    if job.check is not None:
+        yield Started(CHECK, job.segment, where)
+        try:
+            for text in job.check(workspace, job.segment):
+                yield Warned(job.segment, text)
+        except UpvlError as error:
+            yield Failed(CHECK, job.segment, error)
+            return
     for name in job.stages:
         yield Started(name, job.segment, where)
         stage = workspace.pipeline.by_name[name]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from upvl_cli.pipeline.executors.base import ATTEMPTS, Failed, Started, Watch, lost_job
+from upvl_cli.pipeline.executors.base import ATTEMPTS, Failed, Started, Warned, Watch, lost_job
 from upvl_cli.pipeline.executors.reports import ReportReader
 from upvl_cli.pipeline.executors.share import Share
 from upvl_cli.pipeline.executors.slurm_options import SlurmOptions
@@ -155,6 +155,8 @@ class JobArray:
                 watch.tick(event)
             elif isinstance(event, Started):
                 watch.started(event)
+            elif isinstance(event, Warned):
+                watch.warned(event)
             elif isinstance(event, Failed):
                 self.reasons[event.segment] = str(event.error)
             else:

@@ -20,6 +20,7 @@ from upvl_cli.pipeline.executors.base import (
     Job,
     Place,
     Started,
+    Warned,
     Watch,
     Work,
     lost_job,
@@ -130,6 +131,8 @@ class _Pool:
         elif isinstance(event, Started):
             worker.stage = event.stage
             self._watch.started(event)
+        elif isinstance(event, Warned):
+            self._watch.warned(event)
         elif isinstance(event, BaseException):
             raise event
 

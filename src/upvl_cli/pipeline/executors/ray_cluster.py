@@ -21,6 +21,7 @@ from upvl_cli.pipeline.executors.base import (
     Failed,
     Job,
     Started,
+    Warned,
     Watch,
     Work,
     lost_job,
@@ -170,7 +171,7 @@ class _Driver:
         if job is None:
             return None
         first, *later = self._split(job.stages)
-        return _Task(Job(job.segment, first), later)
+        return _Task(Job(job.segment, first, job.check), later)
 
     def _split(self, stages: tuple[str, ...]) -> list[tuple[str, ...]]:
         """Return runs of stages for the same kind of machine: with a GPU or without, where the cluster has any."""
@@ -247,6 +248,8 @@ class _Driver:
             elif isinstance(event, Started):
                 task.stage = event.stage
                 self._watch.started(event)
+            elif isinstance(event, Warned):
+                self._watch.warned(event)
             else:
                 task.deaths = 0
                 task.failed |= isinstance(event, Failed)

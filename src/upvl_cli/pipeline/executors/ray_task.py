@@ -13,12 +13,12 @@ from pathlib import Path
 
 from upvl_cli.config.base import Config
 from upvl_cli.errors import UpvlError
-from upvl_cli.pipeline.executors.base import Failed, Job, Place, Started, Work, run_job
+from upvl_cli.pipeline.executors.base import Failed, Job, Place, Started, Warned, Work, run_job
 from upvl_cli.pipeline.runner import Made
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.runtime.parallel import THREADS_VARIABLE
 
-Event = Started | Made | Failed
+Event = Started | Warned | Made | Failed
 
 
 @dataclass(frozen=True)

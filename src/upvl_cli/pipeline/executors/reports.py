@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import IO
 
 from upvl_cli.errors import UpvlError
-from upvl_cli.pipeline.executors.base import Executor, Failed, Started, Watch, Work
+from upvl_cli.pipeline.executors.base import Executor, Failed, Started, Warned, Watch, Work
 from upvl_cli.pipeline.runner import Made
 
 REPORTS_VARIABLE = "UPVL_TASK_REPORTS"  # path of the file, in the environment of a task
 _FRAMES_S = 5.0  # frames are reported that often: the file may lie on a file system that many machines share
 
-Event = Started | Made | Failed | int  # an int counts frames that are done
+Event = Started | Warned | Made | Failed | int  # an int counts frames that are done
 
 
 class ReportingExecutor:
@@ -68,6 +68,11 @@ class _Reports:
         self._watch.started(started)
         self.write(started)
 
+    def warned(self, warned: Warned) -> None:
+        """Report what is suspicious in a drive."""
+        self._watch.warned(warned)
+        self.write(warned)
+
     def failed(self, failed: Failed) -> None:
         """Pass it on: the executor yields it too."""
         self._watch.failed(failed)
@@ -83,7 +88,9 @@ class _Reports:
             self._file.flush()
 
 
-def _line_of(event: Started | Made | Failed) -> dict[str, object]:
+def _line_of(event: Started | Warned | Made | Failed) -> dict[str, object]:
+    if isinstance(event, Warned):
+        return {"event": "warned", "segment": event.segment, "text": event.text}
     shard = {"stage": event.stage, "segment": event.segment}
     if isinstance(event, Started):
         return {"event": "started", **shard}
@@ -119,7 +126,7 @@ class ReportReader:
                 # shards are compared in the end.
                 with contextlib.suppress(ValueError, KeyError, TypeError):
                     event = _event_of(json.loads(line), self._where)
-                    if not isinstance(event, int):
+                    if isinstance(event, Started | Made | Failed):
                         self.at = (event.stage, event.segment) if isinstance(event, Started) else None
                     yield event
 
@@ -130,6 +137,8 @@ def _event_of(line: dict[str, object], where: str) -> Event:
     kind = line.pop("event")
     if kind == "made":
         return Made(**line)  # type: ignore[arg-type]
+    if kind == "warned":
+        return Warned(str(line["segment"]), str(line["text"]))
     stage, segment = str(line["stage"]), str(line["segment"])
     if kind == "failed":
         return Failed(stage, segment, UpvlError(str(line["message"])))

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from upvl_cli.errors import UpvlError
 from upvl_cli.pipeline.catalog.catalog import Reading
 from upvl_cli.pipeline.catalog.tasks import fresh_segments
-from upvl_cli.pipeline.executors.base import Executor, Failed, Unwatched, Watch, Work
+from upvl_cli.pipeline.executors.base import Executor, Failed, FirstCheck, Unwatched, Watch, Work
 from upvl_cli.pipeline.executors.reports import reporting
 from upvl_cli.pipeline.executors.serial import SerialExecutor
 from upvl_cli.pipeline.pipeline import AnyStage
@@ -26,6 +26,7 @@ def run_all(
     overrides: Mapping[str, object],
     executor: Executor | None = None,
     watch: Watch | None = None,
+    check: FirstCheck | None = None,
     part: str = "",
 ) -> Iterator[Made]:
     """Run stages, in order, on each drive; yields as shards are made.
@@ -37,6 +38,7 @@ def run_all(
         overrides: Values of the command line, for a single stage.
         executor: Where the shards are made; None makes them in this process.
         watch: Who follows the run; None shows nothing.
+        check: What is asked of each drive before its first stage; None asks nothing.
         part: Name of this run among others that work on other drives at the same time, for its file of the catalogue.
 
     Raises:
@@ -51,7 +53,7 @@ def run_all(
         left = [segment for segment in segments if segment not in fresh]
         for segment in (name for name in segments if name in fresh):
             yield from (Made.found_fresh(stage.name, segment) for stage in stages if not stage.is_of_dataset)
-    work = Work(workspace, tuple(stages), left, settings, segments)
+    work = Work(workspace, tuple(stages), left, settings, segments, check)
     for event in reporting(executor or SerialExecutor()).run(work, watch):
         if isinstance(event, Failed):
             failures[event.segment] = event.error

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from upvl_cli.pipeline.executors.base import Failed, Job, Started, Watch, Work, run_by_scope, run_job
+from upvl_cli.pipeline.executors.base import Failed, Job, Started, Warned, Watch, Work, run_by_scope, run_job
 from upvl_cli.pipeline.runner import Made
 
 
@@ -22,5 +22,7 @@ def run_here(work: Work, jobs: Iterable[Job], watch: Watch) -> Iterator[Made | F
         for event in run_job(work.workspace, job, work.settings, "here", watch.tick):
             if isinstance(event, Started):
                 watch.started(event)
+            elif isinstance(event, Warned):
+                watch.warned(event)
             else:
                 yield event
