@@ -148,8 +148,8 @@ STAGES = (
 NUMBERS = Pipeline(STAGES, ("times",), numbers_of, without_model, uncorrected)
 
 
-def numbers_workspace(folder: Path, drives: int) -> Workspace:
-    """A workspace with some numbered drives."""
+def numbers_workspace(folder: Path, drives: int, out: Path | None = None) -> Workspace:
+    """A workspace with some numbered drives; its shards are in its folder, or elsewhere."""
     stages = folder / "stages"
     stages.mkdir(parents=True)
     (folder / "raw").mkdir()
@@ -157,12 +157,12 @@ def numbers_workspace(folder: Path, drives: int) -> Workspace:
     (stages / "raw.toml").write_text(f'dataset = "numbers"\nroot = "{folder / "raw"}"\nsegments = []\n')
     for stage in STAGES:
         (stages / f"{stage.name}.toml").write_text("factor = 2.0\n" if stage.name == "times" else "")
-    return open_numbers(folder)
+    return open_numbers(folder, out)
 
 
-def open_numbers(folder: Path) -> Workspace:
+def open_numbers(folder: Path, out: Path | None = None) -> Workspace:
     """Open a workspace that `numbers_workspace` made."""
-    return Workspace(NUMBERS, folder / "stages", folder / "out")
+    return Workspace(NUMBERS, folder / "stages", out or folder / "out")
 
 
 def numbered_shards(workspace: Workspace) -> dict[str, bytes]:

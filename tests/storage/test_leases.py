@@ -7,9 +7,13 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
+from toy_pipeline import STAGES, numbers_workspace
+from upvl_cli.pipeline.executors.run import run_all
+from upvl_cli.pipeline.run_log import flush_runs
 from upvl_cli.pipeline.storage import lease
 from upvl_cli.pipeline.storage.lease import Lease
 from upvl_cli.pipeline.storage.location import location
@@ -81,3 +85,16 @@ def test_a_damaged_lease_ends_too(target: RemotePath, monkeypatch: pytest.Monkey
     monkeypatch.setattr(lease, "SILENCE_S", 0.5)
     target.bucket.put(target.key, text)
     assert wait_for(target) < 10
+
+
+def test_the_lease_of_a_shard_that_was_finished_is_removed(store: str, tmp_path: Path) -> None:
+    """Its maker was killed between the shard and the end of its lease."""
+    workspace = numbers_workspace(tmp_path / "w", 2, out=location(store))
+    list(run_all(workspace, STAGES, workspace.segments, overrides={}))
+    left = workspace.shard("share", "drive-001").with_name(".drive-001.parquet.lease")
+    assert isinstance(left, RemotePath)
+    left.bucket.put_if(left.key, b"{}", None)
+    again = run_all(workspace, STAGES, workspace.segments, overrides={})
+    assert all(shard.fresh for shard in again)
+    assert not left.is_file()
+    flush_runs()  # while the store is there

@@ -15,7 +15,7 @@ from upvl_cli.pipeline.pipeline import AnyStage
 from upvl_cli.pipeline.provenance import difference, is_of_settings
 from upvl_cli.pipeline.run_log import RunRecord, host_name, log_run, settings_digest
 from upvl_cli.pipeline.stage import NOT_MADE, WHOLE_DATASET, Row
-from upvl_cli.pipeline.storage.remote_path import is_remote
+from upvl_cli.pipeline.storage.remote_path import RemotePath, is_remote
 from upvl_cli.pipeline.tables import read_footer, write
 from upvl_cli.pipeline.workspace import Workspace
 from upvl_cli.runtime.atomic import write_if_changed
@@ -159,6 +159,8 @@ def _helped(stage: AnyStage, inputs: ShardInputs, settings: Config) -> Made:
 def _fresh(workspace: Workspace, stage: AnyStage, segment: str) -> Made:
     path = workspace.shard(stage.name, segment)
     _not_older(path, workspace, stage, segment)
+    if isinstance(path, RemotePath):
+        path.remove_lease()
     footer = read_footer(path)
     rows, counts = (footer.rows, footer.counts) if footer else (0, {})
     return Made(stage.name, segment, True, rows, counts, 0.0, 0.0)

@@ -204,13 +204,22 @@ class RemotePath(PosixPath):
         Args:
             one_writer: Whether other processes that want to write it wait until this one is done.
         """
-        lease = Lease(self.bucket, self.with_name(f".{self.name}.lease").key) if one_writer else nullcontext()
+        lease = Lease(self.bucket, self._lease.key) if one_writer else nullcontext()
         with lease, file_cache().part(self.name) as file:
             yield file
             file.flush()
             part = Path(file.name)
             version = self.bucket.put(self.key, part)
             file_cache().adopt(part, str(self), version)
+
+    def remove_lease(self) -> None:
+        """Remove the lease of an object that needs no writer any more, which a killed one has left."""
+        if self._lease.is_file():
+            self._lease.unlink()
+
+    @property
+    def _lease(self) -> RemotePath:
+        return self.with_name(f".{self.name}.lease")
 
     def _info(self) -> ObjectInfo:
         info = self.look()
