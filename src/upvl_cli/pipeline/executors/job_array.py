@@ -88,9 +88,8 @@ class JobArray:
         """
         self._command = command
         self._options = options
-        self._deaths: Counter[tuple[str, str]] = (
-            Counter()
-        )  # of tasks, by the stage and drive that they were at
+        # Of tasks, by the stage and drive that they were at.
+        self._deaths: Counter[tuple[str, str]] = Counter()
         self.reasons: dict[str, str] = {}
         # submitit keeps files there that it unpickles: nobody else may write into it.
         folder = _queue_folder(out)
