@@ -149,7 +149,9 @@ def test_where_every_drive_is_faulty_nothing_is_made(tmp_path: Path) -> None:
         run(workspace, SerialExecutor(), check=check_number)
     message = str(caught.value)
     assert message.startswith("12 of 12 drives failed. drive-000: drive-000 is faulty; drive-001: ")
-    assert message.endswith("drive-009 is faulty; and 2 more, told by the same command once these are mended")
+    assert message.endswith(
+        "drive-009 is faulty; and 2 more, named by the same command once these are mended"
+    )
     assert not list(workspace.out.glob("*/*.parquet"))
 
 

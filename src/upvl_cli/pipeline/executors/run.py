@@ -16,7 +16,7 @@ from upvl_cli.pipeline.workspace import Workspace
 
 # From so many drives on all of them are compared at once, by listings and the catalogue; below, one by one is as quick.
 _MANY = 32
-_MOST_TOLD = 10  # drives that failed, in one line
+_MOST_NAMED = 10  # drives that failed, in one line
 
 
 def run_all(
@@ -69,14 +69,14 @@ def _raise_failures(failures: Mapping[str, UpvlError], segments: int) -> None:
     if segments == 1 and failures:
         raise next(iter(failures.values()))
     if failures:
-        told = sorted(failures.items())[:_MOST_TOLD]
+        named = sorted(failures.items())[:_MOST_NAMED]
         reasons = "; ".join(
-            f"{segment}: {str(error).removeprefix(f'{segment}: ')}" for segment, error in told
+            f"{segment}: {str(error).removeprefix(f'{segment}: ')}" for segment, error in named
         )
         others = ", the others are done" if len(failures) < segments else ""
         more = (
-            f"; and {len(failures) - len(told)} more, told by the same command once these are mended"
-            if len(failures) > len(told)
+            f"; and {len(failures) - len(named)} more, named by the same command once these are mended"
+            if len(failures) > len(named)
             else ""
         )
         raise UpvlError(f"{len(failures)} of {segments} drives failed{others}. {reasons}{more}")
