@@ -122,6 +122,16 @@ def test_shards_that_are_found_fresh_are_no_progress(workspace: Workspace) -> No
     assert (workspace.out.parent / "raw" / "starts").read_text() == "2" * (100 - ATTEMPTS)
 
 
+def test_a_bug_is_named_with_the_place_of_its_traceback(workspace: Workspace) -> None:
+    expect(workspace, "bug", 0, 1)
+    with pytest.raises(
+        UpvlError, match="ended with ZeroDivisionError: a bug; its traceback is in "
+    ) as caught:
+        run(workspace, array_of(workspace, tasks=1))
+    folder = Path(str(caught.value).partition("its traceback is in ")[2].partition(";")[0])
+    assert any("in number\n" in log.read_text() for log in folder.glob("*.err"))
+
+
 def test_a_drive_that_ends_every_task_fails_and_the_others_go_on(workspace: Workspace) -> None:
     expect(workspace, "kill", 1, 100)
     expect(workspace, "fail", 2, 1)

@@ -25,7 +25,7 @@ from upvl_cli.pipeline.storage.remote_path import is_remote
 _POLL_S = 5.0  # a queue is asked for its jobs that often
 _LOCAL_POLL_S = 0.2
 _CANCEL_S = 10.0
-_STOPPED = 130
+_MENDABLE, _STOPPED = 2, 130  # exit codes of upvl
 
 
 @dataclass(frozen=True)
@@ -176,6 +176,10 @@ class JobArray:
             return []
         share = task.share
         if code != _STOPPED:
+            if code != _MENDABLE:
+                message = (
+                    f"a task ended with {message or f'exit code {code}'}; its traceback is in {self._folder}"
+                )
             for segment in (WHOLE_DATASET, *share.of(segments)):
                 self.reasons.setdefault(segment, message)
             return []
