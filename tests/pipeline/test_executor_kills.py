@@ -24,7 +24,7 @@ def test_kills_change_no_byte_and_nothing_is_made_twice(on: str, reference: Path
     if on in ("slurm", "ray"):
         pytest.importorskip({"slurm": "submitit", "ray": "ray"}[on])
     done = subprocess.run(
-        [sys.executable, BENCH, "--on", on, "--drives", "4", "--frames", "2", "--kills", "3",
+        [sys.executable, BENCH, "--on", on, "--drives", "4", "--frames", "2", "--kills", "3", "--warm-s", "4", "--pause", "1", "3",
          "--reference", reference],
         capture_output=True, text=True, timeout=1200,
     )  # fmt: skip
