@@ -23,9 +23,9 @@ def test_kills_change_no_byte_and_nothing_is_made_twice(on: str, reference: Path
     pytest.importorskip("psutil")
     if on in ("slurm", "ray"):
         pytest.importorskip({"slurm": "submitit", "ray": "ray"}[on])
+    options = ["--drives", "4", "--frames", "2", "--kills", "3", "--warm-s", "4", "--pause", "1", "3"]
     done = subprocess.run(
-        [sys.executable, BENCH, "--on", on, "--drives", "4", "--frames", "2", "--kills", "3", "--warm-s", "4", "--pause", "1", "3",
-         "--reference", reference],
+        [sys.executable, BENCH, "--on", on, *options, "--reference", reference],
         capture_output=True, text=True, timeout=1200,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
