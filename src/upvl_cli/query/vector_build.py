@@ -56,8 +56,8 @@ def make_index(workspace: Workspace, source: str | None) -> Iterator[str]:
             made += 1
             boxes = sum(boxes for _, _, boxes in drives)
             yield (
-                f"made {path}: {boxes} boxes of {_drives(len(drives))}, {stamp.vectors} vectors, "
-                f"{time.monotonic() - started_s:.1f} s"
+                f"made {path}: {boxes} boxes of {len(drives)} drive{'s' * (len(drives) != 1)}, "
+                f"{stamp.vectors} vectors, {time.monotonic() - started_s:.1f} s"
             )
         total += stamp.size
     _remove_others(store, groups)
@@ -66,10 +66,6 @@ def make_index(workspace: Workspace, source: str | None) -> Iterator[str]:
         f"{boxes} {store.source} of {len(found.drives)} drives: {made} groups made, {len(groups) - made} were fresh; "
         f"{total / 1e6:.0f} MB"
     )
-
-
-def _drives(number: int) -> str:
-    return "1 drive" if number == 1 else f"{number} drives"
 
 
 def _remove_others(store: Store, groups: dict[str, tuple[str, ...]]) -> None:

@@ -10,6 +10,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -62,12 +63,12 @@ class _ShareTask:
     reports: ReportReader
 
     def ending(self) -> tuple[int, str]:
-        """Return the exit code and the last line of a task that has ended."""
+        """Return the exit code and the last line of a task that has ended; one that was killed has left none."""
         try:
             result = json.loads(self.result.read_bytes())
             return int(result["code"]), str(result["message"]).removeprefix("upvl: ")
         except (OSError, ValueError, KeyError):
-            return _STOPPED, "its task was killed, or its node was lost"
+            return _STOPPED, ""
 
 
 class JobArray:
@@ -90,6 +91,7 @@ class JobArray:
         self._options = options
         # Of tasks, by the stage and drive that they were at.
         self._deaths: Counter[tuple[str, str]] = Counter()
+        self._numbers = count(1)  # of tasks: a share that is submitted again has files of its own
         self.reasons: dict[str, str] = {}
         # submitit keeps files there that it unpickles: nobody else may write into it.
         folder = _queue_folder(out)
@@ -132,13 +134,12 @@ class JobArray:
     def _submit(self, shares: Sequence[Share], watch: Watch) -> list[_ShareTask]:
         if not shares:
             return []
-        names = [f"share-{share.number}-of-{share.count}-{secrets.token_hex(2)}" for share in shares]
+        names = [f"task-{next(self._numbers)}-share-{share.number}-of-{share.count}" for share in shares]
         results = [self._folder / f"{name}.json" for name in names]
         reports = [self._folder / f"{name}.jsonl" for name in names]
         commands = [[*self._command.program, *self._command.words, *_shard_words(share)] for share in shares]
-        count = len(shares)
         jobs = self._executor.map_array(
-            run_command, commands, [os.getcwd()] * count, [str(self._options.cpus)] * count,
+            run_command, commands, [os.getcwd()] * len(shares), [str(self._options.cpus)] * len(shares),
             list(map(str, results)), list(map(str, reports)),
         )  # fmt: skip
         tasks = []
